@@ -1,0 +1,1 @@
+"""isosample: volume rendering that samples where the data changes."""

@@ -1,0 +1,1 @@
+"""Headless OpenGL: context, shader sources, programs and memory layouts."""

@@ -1,0 +1,1 @@
+"""Float64 twins of the shader library, and the mathematics behind them."""

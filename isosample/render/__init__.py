@@ -1,0 +1,1 @@
+"""The picture: camera, scene, A-buffer, image."""

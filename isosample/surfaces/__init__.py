@@ -1,0 +1,1 @@
+"""One triangle mesh per isovalue and brick: where it is."""

@@ -1,0 +1,1 @@
+"""Transfer functions and the isovalues they need: what is visible."""

@@ -1,0 +1,1 @@
+"""Regular grids of scalars: what is sampled."""

@@ -1,0 +1,197 @@
+"""A regular grid of scalars in its own dtype, and the oriented box that it fills in world space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import InputError
+
+F64 = npt.NDArray[np.float64]
+SampleArray = npt.NDArray[np.generic]
+
+ORTHONORMAL_TOLERANCE = 1e-4  # direction cosines are written with 5 to 7 digits in most file formats
+SCAN_BYTES = 64 << 20  # a memory-mapped volume is scanned in blocks of about this size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """An oriented box: one corner and three edge vectors, all in world units.
+
+    Attributes
+    ----------
+    corner : (3,) float64
+        World position of the first sample.
+    edges : (3, 3) float64
+        Row `a` is the edge along index axis `a` (x, y, z), from the first to the last sample.
+    """
+
+    corner: F64
+    edges: F64
+
+    @property
+    def centre(self) -> F64:
+        """(3,) float64, the middle of the box [world]."""
+        middle: F64 = self.corner + 0.5 * self.edges.sum(axis=0)
+        return middle
+
+    @property
+    def radius(self) -> float:
+        """Radius of the bounding sphere about the centre [world]."""
+        return float(np.linalg.norm(self.corners() - self.centre, axis=1).max())
+
+    def corners(self) -> F64:
+        """(8, 3) float64, the corners [world]; bit `a` of the row number selects the far end of edge `a`."""
+        bits = (np.arange(8)[:, None] >> np.arange(3)) & 1
+        corners: F64 = self.corner + bits @ self.edges
+        return corners
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """A regular grid of scalar samples with its placement in world space.
+
+    Parameters
+    ----------
+    array : (Z, Y, X) integer or floating point
+        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped.
+    spacing : 3 floats
+        Distance between samples along x, y, z [world], > 0.
+    origin : 3 floats
+        World position of sample ``[0, 0, 0]``.
+    direction : (3, 3) float64
+        Orthonormal; column `a` is the world direction of index axis `a` (x, y, z).
+    name : str
+        Used in messages and picture titles.
+
+    Raises
+    ------
+    InputError
+        If the array is not three-dimensional and real, an axis is empty, a spacing is not positive and
+        finite, or the direction is not orthonormal.
+
+    Notes
+    -----
+    world = origin + direction · (spacing · index), samples at cell corners: the box goes from the first to
+    the last sample.
+    """
+
+    array: SampleArray
+    spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: F64 = field(default_factory=lambda: np.eye(3))
+    name: str = "array"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "spacing", _three_floats(self.spacing, "spacing"))
+        object.__setattr__(self, "origin", _three_floats(self.origin, "origin"))
+        object.__setattr__(self, "direction", np.array(self.direction, dtype=np.float64))
+        array = self.array
+        if not isinstance(array, np.ndarray):
+            raise InputError(
+                f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
+            )
+        if array.ndim != 3:
+            raise InputError(
+                f"{self.name} has shape {array.shape}; a volume has three axes [z, y, x]. "
+                "Choose one channel or one time step, for instance array[0]."
+            )
+        if array.dtype.kind not in "iuf":
+            raise InputError(
+                f"{self.name} holds {array.dtype}; a volume needs integers or floats. Convert with .astype()."
+            )
+        if 0 in array.shape:
+            raise InputError(f"{self.name} has shape {array.shape}; every axis needs at least one sample.")
+        if min(self.spacing) <= 0:
+            raise InputError(
+                f"spacing {self.spacing} must be > 0 along every axis; use origin and direction to flip."
+            )
+        gram = self.direction.T @ self.direction if self.direction.shape == (3, 3) else np.zeros((3, 3))
+        if not np.allclose(gram, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
+            raise InputError(
+                f"direction {self.direction.tolist()} is not orthonormal; sheared grids are not supported. "
+                "Resample the volume, or drop the direction (--frame index)."
+            )
+
+    @property
+    def size_xyz(self) -> tuple[int, int, int]:
+        """Number of samples along x, y, z."""
+        z, y, x = self.array.shape
+        return (x, y, z)
+
+    @property
+    def world_from_index(self) -> F64:
+        """(4, 4) float64, maps homogeneous sample indices (x, y, z, 1) to world positions."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.direction * np.asarray(self.spacing)
+        matrix[:3, 3] = self.origin
+        return matrix
+
+    @property
+    def world_gradient_from_index_gradient(self) -> F64:
+        """(3, 3) float64, maps a gradient per sample index to a gradient per world unit (covariant)."""
+        matrix: F64 = self.direction / np.asarray(self.spacing)
+        return matrix
+
+    @property
+    def box(self) -> Box:
+        """The oriented box from the first to the last sample [world]."""
+        last_index = np.array(self.size_xyz, dtype=np.float64) - 1
+        edges: F64 = (self.world_from_index[:3, :3] * last_index).T
+        return Box(corner=np.asarray(self.origin, dtype=np.float64), edges=np.ascontiguousarray(edges))
+
+    @cached_property
+    def value_range(self) -> tuple[float, float]:
+        """Smallest and largest finite sample, in data units.
+
+        Raises
+        ------
+        InputError
+            If no sample is finite.
+        """
+        low, high = np.inf, -np.inf
+        for block in self._blocks():
+            if self.array.dtype.kind == "f":
+                block = block[np.isfinite(block)]
+            if block.size:
+                low, high = min(low, float(block.min())), max(high, float(block.max()))
+        if low > high:
+            raise InputError(f"{self.name} has no finite sample; there is nothing to render.")
+        return low, high
+
+    @cached_property
+    def nonfinite_counts(self) -> tuple[int, int]:
+        """Number of NaN samples and number of infinite samples."""
+        if self.array.dtype.kind != "f":
+            return 0, 0
+        nan_count = infinity_count = 0
+        for block in self._blocks():
+            nan_count += int(np.count_nonzero(np.isnan(block)))
+            infinity_count += int(np.count_nonzero(np.isinf(block)))
+        return nan_count, infinity_count
+
+    def in_index_frame(self) -> Volume:
+        """Return the same samples in the volume's own axes: spacing kept, origin and direction dropped."""
+        return Volume(self.array, spacing=self.spacing, name=self.name)
+
+    def _blocks(self) -> Iterator[SampleArray]:
+        """Yield slabs of whole z slices of about `SCAN_BYTES`, so that a memory-mapped file is read once."""
+        slice_bytes = max(1, self.array[0].nbytes)
+        step = max(1, SCAN_BYTES // slice_bytes)
+        for z in range(0, self.array.shape[0], step):
+            yield np.asarray(self.array[z : z + step])
+
+
+def _three_floats(values: object, what: str) -> tuple[float, float, float]:
+    """Return three finite floats, or raise naming `what`."""
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise InputError(f"{what} {values!r} must be three finite numbers (x, y, z).")
+    return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
