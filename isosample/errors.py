@@ -1,4 +1,4 @@
-"""Every error that isosample raises on purpose; each message names the value, what was expected, what to do."""
+"""Errors that isosample raises on purpose; a message names the value, what was expected, what to do."""
 
 
 class IsosampleError(Exception):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 F64 = npt.NDArray[np.float64]
 SampleArray = npt.NDArray[np.generic]
