@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 F64 = npt.NDArray[np.float64]
 SampleArray = npt.NDArray[np.generic]
@@ -54,77 +54,50 @@ class Box:
         return corners
 
 
-@dataclass(frozen=True, eq=False)
-class Volume:
-    """A regular grid of scalar samples with its placement in world space.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GridGeometry:
+    """The placement of a grid in world space, without its samples.
 
     Parameters
     ----------
-    array : (Z, Y, X) integer or floating point
-        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped.
+    size_xyz : 3 ints
+        Number of samples along x, y, z, >= 1.
     spacing : 3 floats
         Distance between samples along x, y, z [world], > 0.
     origin : 3 floats
-        World position of sample ``[0, 0, 0]``.
+        World position of the first sample.
     direction : (3, 3) float64
-        Orthonormal; column `a` is the world direction of index axis `a` (x, y, z).
-    name : str
-        Used in messages and picture titles.
+        Orthonormal, of either handedness; column `a` is the world direction of index axis `a` (x, y, z).
 
     Raises
     ------
     InputError
-        If the array is not three-dimensional and real, an axis is empty, a spacing is not positive and
-        finite, or the direction is not orthonormal.
-
-    Notes
-    -----
-    world = origin + direction · (spacing · index), samples at cell corners: the box goes from the first to
-    the last sample.
+        If a size is below 1, a spacing is not positive and finite, or the direction is not orthonormal.
     """
 
-    array: SampleArray
+    size_xyz: tuple[int, int, int]
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: F64 = field(default_factory=lambda: np.eye(3))
-    name: str = "array"
 
     def __post_init__(self) -> None:
+        size = _three_floats(self.size_xyz, "size_xyz")
+        if min(size) < 1 or any(n != int(n) for n in size):
+            raise InputError(f"size_xyz {self.size_xyz!r} must be three whole numbers >= 1 (x, y, z).")
+        object.__setattr__(self, "size_xyz", tuple(int(n) for n in size))
         object.__setattr__(self, "spacing", _three_floats(self.spacing, "spacing"))
         object.__setattr__(self, "origin", _three_floats(self.origin, "origin"))
-        object.__setattr__(self, "direction", np.array(self.direction, dtype=np.float64))
-        array = self.array
-        if not isinstance(array, np.ndarray):
-            raise InputError(
-                f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
-            )
-        if array.ndim != 3:
-            raise InputError(
-                f"{self.name} has shape {array.shape}; a volume has three axes [z, y, x]. "
-                "Choose one channel or one time step, for instance array[0]."
-            )
-        if array.dtype.kind not in "iuf":
-            raise InputError(
-                f"{self.name} holds {array.dtype}; a volume needs integers or floats. Convert with .astype()."
-            )
-        if 0 in array.shape:
-            raise InputError(f"{self.name} has shape {array.shape}; every axis needs at least one sample.")
+        object.__setattr__(self, "direction", _orthonormal(self.direction))
         if min(self.spacing) <= 0:
             raise InputError(
                 f"spacing {self.spacing} must be > 0 along every axis; use origin and direction to flip."
             )
-        gram = self.direction.T @ self.direction if self.direction.shape == (3, 3) else np.zeros((3, 3))
-        if not np.allclose(gram, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
-            raise InputError(
-                f"direction {self.direction.tolist()} is not orthonormal; sheared grids are not supported. "
-                "Resample the volume, or drop the direction (--frame index)."
-            )
 
-    @property
-    def size_xyz(self) -> tuple[int, int, int]:
-        """Number of samples along x, y, z."""
-        z, y, x = self.array.shape
-        return (x, y, z)
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, GridGeometry) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash((self.size_xyz, self.spacing, self.origin, tuple(self.direction.ravel().tolist())))
 
     @property
     def world_from_index(self) -> F64:
@@ -146,6 +119,118 @@ class Volume:
         last_index = np.array(self.size_xyz, dtype=np.float64) - 1
         edges: F64 = (self.world_from_index[:3, :3] * last_index).T
         return Box(corner=np.asarray(self.origin, dtype=np.float64), edges=np.ascontiguousarray(edges))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and numbers, ready for JSON; `from_dict` gives the same geometry back, bit for bit."""
+        return {
+            "size_xyz": list(self.size_xyz),
+            "spacing": list(self.spacing),
+            "origin": list(self.origin),
+            "direction": self.direction.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any]) -> GridGeometry:
+        """Return the geometry that `to_dict` wrote.
+
+        Raises
+        ------
+        InputError
+            If an entry is missing, unknown, or not what the constructor accepts.
+        """
+        expected = {"size_xyz", "spacing", "origin", "direction"}
+        if set(entries) != expected:
+            raise InputError(
+                f"a grid geometry has the entries {sorted(expected)}, got {sorted(entries)}. "
+                "Write it with GridGeometry.to_dict()."
+            )
+        return cls(**entries)
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """A regular grid of scalar samples with its placement in world space.
+
+    Parameters
+    ----------
+    array : (Z, Y, X) integer or floating point
+        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped.
+    spacing : 3 floats
+        Distance between samples along x, y, z [world], > 0.
+    origin : 3 floats
+        World position of sample ``[0, 0, 0]``.
+    direction : (3, 3) float64
+        Orthonormal; column `a` is the world direction of index axis `a` (x, y, z).
+    name : str
+        Used in messages and picture titles.
+
+    Attributes
+    ----------
+    geometry : GridGeometry
+        Size, spacing, origin and direction, without the samples.
+
+    Raises
+    ------
+    InputError
+        If the array is not three-dimensional and real, an axis is empty, a spacing is not positive and
+        finite, or the direction is not orthonormal.
+
+    Notes
+    -----
+    world = origin + direction · (spacing · index), samples at cell corners: the box goes from the first to
+    the last sample.
+    """
+
+    array: SampleArray
+    spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: F64 = field(default_factory=lambda: np.eye(3))
+    name: str = "array"
+    geometry: GridGeometry = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        array = self.array
+        if not isinstance(array, np.ndarray):
+            raise InputError(
+                f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
+            )
+        if array.ndim != 3:
+            raise InputError(
+                f"{self.name} has shape {array.shape}; a volume has three axes [z, y, x]. "
+                "Choose one channel or one time step, for instance array[0]."
+            )
+        if array.dtype.kind not in "iuf":
+            raise InputError(
+                f"{self.name} holds {array.dtype}; a volume needs integers or floats. Convert with .astype()."
+            )
+        if 0 in array.shape:
+            raise InputError(f"{self.name} has shape {array.shape}; every axis needs at least one sample.")
+        geometry = GridGeometry(
+            size_xyz=array.shape[::-1], spacing=self.spacing, origin=self.origin, direction=self.direction
+        )
+        object.__setattr__(self, "geometry", geometry)
+        for name in ("spacing", "origin", "direction"):
+            object.__setattr__(self, name, getattr(geometry, name))
+
+    @property
+    def size_xyz(self) -> tuple[int, int, int]:
+        """Number of samples along x, y, z."""
+        return self.geometry.size_xyz
+
+    @property
+    def world_from_index(self) -> F64:
+        """(4, 4) float64, maps homogeneous sample indices (x, y, z, 1) to world positions."""
+        return self.geometry.world_from_index
+
+    @property
+    def world_gradient_from_index_gradient(self) -> F64:
+        """(3, 3) float64, maps a gradient per sample index to a gradient per world unit (covariant)."""
+        return self.geometry.world_gradient_from_index_gradient
+
+    @property
+    def box(self) -> Box:
+        """The oriented box from the first to the last sample [world]."""
+        return self.geometry.box
 
     @cached_property
     def value_range(self) -> tuple[float, float]:
@@ -198,3 +283,21 @@ def _three_floats(values: object, what: str) -> tuple[float, float, float]:
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise InputError(f"{what} {values!r} must be three finite numbers (x, y, z).")
     return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
+
+
+def _orthonormal(matrix: object) -> F64:
+    """Return a (3, 3) float64 copy of a matrix with orthonormal columns, or raise."""
+    try:
+        direction = np.array(matrix, dtype=np.float64)
+    except (TypeError, ValueError):
+        direction = np.empty(0)
+    if direction.shape != (3, 3) or not np.isfinite(direction).all():
+        one_line = " ".join(repr(matrix).split())
+        raise InputError(f"direction {one_line} must be a 3 by 3 matrix of finite numbers.")
+    if not np.allclose(direction.T @ direction, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
+        raise InputError(
+            f"direction {direction.tolist()} is not orthonormal; sheared grids are not supported. "
+            "Resample the volume, or drop the direction (--frame index)."
+        )
+    direction.setflags(write=False)
+    return direction
