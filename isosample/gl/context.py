@@ -1,0 +1,138 @@
+"""The headless OpenGL 4.5 context and what its driver offers."""
+
+from __future__ import annotations
+
+import os
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from isosample.errors import OpenGLError
+
+if TYPE_CHECKING:
+    import moderngl
+
+BACKEND_VARIABLE = "ISOSAMPLE_GL_BACKEND"
+REQUIRED_VERSION = 450  # OpenGL 4.5: storage buffers, compute, image atomics, direct state access
+SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software rasterizer")
+REMEDY = (
+    "On Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri (software, no display needed); "
+    "under a GPU driver: install the vendor's libEGL. Then run `isosample doctor`."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What the driver allows; bytes, pixels and counts."""
+
+    storage_block_bytes: int  # largest range of a storage buffer that a shader sees
+    uniform_block_bytes: int
+    framebuffer_size: tuple[int, int]  # without attachments [pixel]
+    texture_size: int  # edge of a 2D texture [pixel]
+    texture_3d_size: int  # edge of a 3D texture [voxel]
+    fragment_storage_blocks: int
+    compute_storage_blocks: int
+    work_group_count: tuple[int, int, int]
+    work_group_size: tuple[int, int, int]
+    work_group_invocations: int
+
+
+def create_context() -> moderngl.Context:
+    """Create a headless OpenGL 4.5 core context, made current.
+
+    EGL is used unless the environment variable ``ISOSAMPLE_GL_BACKEND`` names another backend of the binding;
+    ``platform`` stands for the platform's own (X11, WGL, CGL; the first needs a display). Among several EGL
+    devices ``GLCONTEXT_DEVICE_INDEX`` chooses one.
+
+    Returns
+    -------
+    context : moderngl.Context
+        To be released by the caller. Making one takes about half a second: see `shared_context`.
+
+    Raises
+    ------
+    OpenGLError
+        If there is none; one line: what failed and what to install.
+    """
+    import moderngl
+
+    backend = os.environ.get(BACKEND_VARIABLE, "egl")
+    settings: dict[str, Any] = {} if backend == "platform" else {"backend": backend}
+    try:
+        return moderngl.create_context(require=REQUIRED_VERSION, standalone=True, **settings)
+    except Exception as error:  # the binding raises bare Exception for a library or device that is not there
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise OpenGLError(
+            f"no OpenGL {REQUIRED_VERSION // 100}.{REQUIRED_VERSION // 10 % 10} context by backend "
+            f"{backend!r}: {reason}. {REMEDY}"
+        ) from error
+
+
+def limits(ctx: moderngl.Context) -> Limits:
+    """Limits of the driver behind a context.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+        Current context.
+
+    Returns
+    -------
+    limits : Limits
+        As the driver reports them.
+    """
+    info = ctx.info
+    return Limits(
+        storage_block_bytes=info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"],
+        uniform_block_bytes=info["GL_MAX_UNIFORM_BLOCK_SIZE"],
+        framebuffer_size=(info["GL_MAX_FRAMEBUFFER_WIDTH"], info["GL_MAX_FRAMEBUFFER_HEIGHT"]),
+        texture_size=info["GL_MAX_TEXTURE_SIZE"],
+        texture_3d_size=info["GL_MAX_3D_TEXTURE_SIZE"],
+        fragment_storage_blocks=info["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"],
+        compute_storage_blocks=info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"],
+        work_group_count=info["GL_MAX_COMPUTE_WORK_GROUP_COUNT"],
+        work_group_size=info["GL_MAX_COMPUTE_WORK_GROUP_SIZE"],
+        work_group_invocations=info["GL_MAX_COMPUTE_WORK_GROUP_INVOCATIONS"],
+    )
+
+
+def is_software(ctx: moderngl.Context) -> bool:
+    """Whether the context renders on the CPU (llvmpipe, softpipe, SwiftShader)."""
+    renderer = ctx.info["GL_RENDERER"].lower()
+    return any(name in renderer for name in SOFTWARE_RENDERERS)
+
+
+_shared: tuple[moderngl.Context, int] | None = None
+
+
+def shared_context() -> moderngl.Context:
+    """Return the one context of this process, made on the first call.
+
+    Returns
+    -------
+    context : moderngl.Context
+        Valid until `release_shared_context`; callers release their own objects, not the context.
+
+    Raises
+    ------
+    OpenGLError
+        As `create_context`; or if called from another thread than the first call, where it is not current.
+    """
+    global _shared
+    if _shared is None:
+        _shared = (create_context(), threading.get_ident())
+    context, owner = _shared
+    if owner != threading.get_ident():
+        raise OpenGLError(
+            "the shared OpenGL context belongs to the thread that first used it; render from that thread, "
+            "or call  release_shared_context there first"
+        )
+    return context
+
+
+def release_shared_context() -> None:
+    """Release the shared context, if there is one; its objects must have been released before."""
+    global _shared
+    if _shared is not None:
+        _shared[0].release()
+        _shared = None
