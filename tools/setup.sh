@@ -23,7 +23,7 @@ require_packages() {
     [ "$(id -u)" = 0 ] || fail "$reason. Install: sudo apt-get install $*   and run make again."
     say "$reason: installing $*"
     apt-get update -qq || say "apt-get update failed; going on with the package lists that are there"
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" </dev/null >/dev/null ||
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq -o Dpkg::Use-Pty=0 --no-install-recommends "$@" </dev/null >/dev/null ||
         fail "apt-get could not install $*; its message is above."
 }
 
