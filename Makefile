@@ -29,7 +29,7 @@ lint: $(INSTALLED)  ## style, types, layers, spelling
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/lint-imports
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/codespell
 
 format: $(INSTALLED)  ## let ruff rewrite the sources in the house style
