@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import gc
+import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import numpy as np
 import pytest
+
+from isosample.errors import OpenGLError
+from isosample.gl.context import is_software, release_shared_context, shared_context
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import moderngl
 
 hypothesis.settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60)
 hypothesis.settings.load_profile("ci")
@@ -15,7 +26,7 @@ REAL_VOLUMES = Path(__file__).resolve().parents[2] / "shared" / "volumes"
 
 
 @pytest.fixture(autouse=True)
-def _numpy_errors_raise():
+def _numpy_errors_raise() -> Iterator[None]:
     """Turn silent divisions by zero, overflows and invalid operations into test failures."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         yield
@@ -27,3 +38,51 @@ def real_volumes() -> Path:
     if not (REAL_VOLUMES / "README.md").is_file():
         pytest.skip("the folder of real scans (../shared/volumes) is not there")
     return REAL_VOLUMES
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test that uses the `gl` fixture."""
+    for item in items:
+        if "gl" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.gl)
+
+
+@pytest.fixture(scope="session")
+def gl() -> Iterator[moderngl.Context]:
+    """Shared OpenGL context; without one, tests are skipped, or fail where ISOSAMPLE_REQUIRE_GL=1."""
+    try:
+        context = shared_context()
+    except OpenGLError as error:
+        if os.environ.get("ISOSAMPLE_REQUIRE_GL") == "1":
+            pytest.fail(f"ISOSAMPLE_REQUIRE_GL=1, but {error}", pytrace=False)
+        pytest.skip(str(error))
+    context.gc_mode = "context_gc"  # objects that die without release() are collected, and found below
+    yield context
+    _drain(context)
+    release_shared_context()
+
+
+def _drain(context: moderngl.Context) -> list[str]:
+    """Release what was collected unreleased; return its kinds (objects already released count not)."""
+    dropped = [part for part in context.objects if hasattr(part, "release")]
+    context.objects.clear()
+    for part in dropped:
+        part.release()
+    return [type(part).__name__ for part in dropped]
+
+
+@pytest.fixture(autouse=True)
+def _gl_left_clean(request: pytest.FixtureRequest) -> Iterator[None]:
+    """After a test that uses `gl`: no OpenGL error is pending and no object was dropped without release()."""
+    if "gl" not in request.fixturenames:
+        yield
+        return
+    context: moderngl.Context = request.getfixturevalue("gl")
+    renderer = f"{context.info['GL_VENDOR']}, {context.info['GL_RENDERER']}"
+    if request.node.get_closest_marker("hardware") and is_software(context):
+        pytest.skip(f"needs a hardware OpenGL driver; this is {renderer}")
+    yield
+    gc.collect()
+    dropped = _drain(context)
+    assert context.error == "GL_NO_ERROR", f"an OpenGL error is pending on {renderer}"
+    assert not dropped, f"objects dropped without release(): {dropped}"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import threading
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from isosample.errors import OpenGLError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import moderngl
 
 BACKEND_VARIABLE = "ISOSAMPLE_GL_BACKEND"
@@ -100,6 +103,35 @@ def is_software(ctx: moderngl.Context) -> bool:
     """Whether the context renders on the CPU (llvmpipe, softpipe, SwiftShader)."""
     renderer = ctx.info["GL_RENDERER"].lower()
     return any(name in renderer for name in SOFTWARE_RENDERERS)
+
+
+@contextmanager
+def drawing_into(ctx: moderngl.Context, framebuffer: moderngl.Framebuffer) -> Iterator[None]:
+    """Draw into a framebuffer inside the ``with`` block: blending, depth test and culling off.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+        Current context.
+    framebuffer : moderngl.Framebuffer
+        The target; the viewport becomes its own.
+
+    Yields
+    ------
+    None
+
+    Notes
+    -----
+    Afterwards the former framebuffer is bound again, so that this one can be released. After
+    ``framebuffer.use()`` the binding takes the released name for the current one, and the next framebuffer
+    that is made leaves a ``GL_INVALID_OPERATION`` pending (moderngl 5.13).
+    """
+    scope = ctx.scope(framebuffer, ctx.NOTHING)
+    try:
+        with scope:
+            yield
+    finally:
+        scope.release()
 
 
 _shared: tuple[moderngl.Context, int] | None = None

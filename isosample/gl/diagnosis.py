@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import OpenGLError, ShaderError
-from isosample.gl.context import REMEDY, is_software, limits, shared_context
+from isosample.gl.context import REMEDY, drawing_into, is_software, limits, shared_context
 from isosample.gl.program import compute_program, graphics_program
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def _count_invocations(ctx: moderngl.Context) -> npt.NDArray[np.uint32]:
 
 
 def _count_fragments(ctx: moderngl.Context) -> npt.NDArray[np.uint32]:
-    """Total, then count of each pixel, of full-screen triangles without attachment, as the build pass draws."""
+    """Total, then count of each pixel, of full-screen triangles without attachment, as in the build pass."""
     program = graphics_program(
         ctx, "fullscreen.vert", "count.frag", {"IMAGE_WIDTH": IMAGE_EDGE}, root=SELFTEST_ROOT
     )
@@ -173,10 +173,9 @@ def _count_fragments(ctx: moderngl.Context) -> npt.NDArray[np.uint32]:
     framebuffer = ctx.empty_framebuffer((IMAGE_EDGE, IMAGE_EDGE))
     triangles = ctx.vertex_array(program, [])
     try:
-        framebuffer.use()
-        ctx.enable_only(ctx.NOTHING)
         buffer.bind_to_storage_buffer(0)
-        triangles.render(vertices=3, instances=LAYER_COUNT)
+        with drawing_into(ctx, framebuffer):
+            triangles.render(vertices=3, instances=LAYER_COUNT)
         ctx.finish()
         return np.frombuffer(buffer.read(), np.uint32)
     finally:
