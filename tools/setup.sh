@@ -30,12 +30,13 @@ require_packages() {
 is_recent() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }
 
 find_python() {
-    local candidate
+    local candidate found
     for candidate in ${PYTHON:-python3 python3.13 python3.12 python3.11}; do
         if is_recent "$candidate"; then echo "$candidate"; return; fi
     done
-    fail "Python 3.11 or newer is needed, and ${PYTHON:-python3} is $("${PYTHON:-python3}" --version 2>&1 || echo absent)." \
-        "Install one (Ubuntu 22.04: apt-get install python3.11 python3.11-venv) or name one: make PYTHON=/path/to/python3.11"
+    found=$({ "${PYTHON:-python3}" --version || echo absent; } 2>/dev/null)
+    fail "Python 3.11 or newer is needed, and ${PYTHON:-python3} is $found. Install one" \
+        "(Ubuntu 22.04: apt-get install python3.11 python3.11-venv) or name one: make PYTHON=/path/to/python3.11"
 }
 
 create_environment() {
