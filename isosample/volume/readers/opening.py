@@ -1,0 +1,110 @@
+"""`open_volume`: any supported file or folder as a Volume."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from isosample.errors import InputError
+from isosample.volume.grid import Volume
+from isosample.volume.readers import dicom, itk, npy, raw, tiff, vti
+from isosample.volume.readers.detect import Format, detect_format
+from isosample.volume.readers.samples import ReadOptions, parse_dtype, parse_shape
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+READERS = {
+    Format.NRRD: itk.read_nrrd,
+    Format.NIFTI: itk.read_nifti,
+    Format.META: itk.read_meta,
+    Format.VTI: vti.read_vti,
+    Format.TIFF: tiff.read_tiff,
+    Format.NPY: npy.read_npy,
+    Format.DICOM: dicom.read_dicom_file,
+    Format.DAT: raw.read_dat,
+    Format.RAW: raw.read_raw,
+}
+
+
+def open_volume(
+    path: str | os.PathLike[str],
+    *,
+    shape: Sequence[int] | None = None,
+    dtype: npt.DTypeLike | None = None,
+    spacing: Sequence[float] | None = None,
+    channel: int | None = None,
+    time: int | None = None,
+) -> Volume:
+    """Open a volume file, or a folder of DICOM slices, recognised by content, then by suffix.
+
+    Parameters
+    ----------
+    path : path-like
+        NRRD (.nrrd, .nhdr), NIfTI (.nii, .nii.gz), MetaImage (.mhd, .mha), VTK image (.vti), TIFF stack,
+        NumPy (.npy), DICOM folder, Inviwo .dat, or headerless samples (.raw, .raw.gz).
+    shape : 3 ints, optional
+        Samples along x, y, z; for headerless files only, and required there.
+    dtype : numpy dtype, optional
+        Type of the samples; for headerless files only, and required there. Little-endian unless it says
+        otherwise (``>u2``).
+    spacing : 3 floats, optional
+        Distance between samples along x, y, z [world]; replaces what the file says.
+    channel, time : int, optional
+        Which channel or time step to read from a file with several.
+
+    Returns
+    -------
+    volume : Volume
+        In the file's own sample type (in the machine's byte order); rescaled files are floating point.
+        Memory-mapped where the file is neither compressed nor rescaled nor of foreign byte order.
+
+    Raises
+    ------
+    MissingDependencyError
+        If the format needs a package that is not installed.
+    InputError
+        If the file is missing, damaged, incomplete, of an unknown format, or not one scalar volume.
+    """
+    path = Path(path)
+    options = ReadOptions(
+        shape=None if shape is None else parse_shape(shape),
+        dtype=None if dtype is None else parse_dtype(dtype),
+        channel=channel,
+        time=time,
+    )
+    try:
+        volume = _read(path, options)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if spacing is None:
+        return volume
+    x, y, z = spacing
+    return Volume(volume.array, (x, y, z), volume.origin, volume.direction, volume.name)
+
+
+def _read(path: Path, options: ReadOptions) -> Volume:
+    """Read by the format's own reader."""
+    is_described = options.shape is not None or options.dtype is not None
+    if not path.exists():
+        raise InputError(f"{path} does not exist. Check the path.")
+    if path.is_dir():
+        _refuse_description(path, "DICOM folder", is_described=is_described)
+        return dicom.read_dicom_folder(path, options)
+    if path.stat().st_size == 0:
+        raise InputError(f"{path} is empty; a volume file was expected. Fetch it again.")
+    found = detect_format(path, headerless=is_described)
+    if found is not Format.RAW:
+        _refuse_description(path, f"{found.value} file", is_described=is_described)
+    return READERS[found](path, options)
+
+
+def _refuse_description(path: Path, kind: str, *, is_described: bool) -> None:
+    """Raise where shape or type are given for a file that states its own."""
+    if is_described:
+        raise InputError(
+            f"{path.name} is a {kind}, which states its own size and type; leave out --shape and --dtype."
+        )

@@ -1,0 +1,204 @@
+"""What every reader needs: options, byte arithmetic, mapped and inflated samples, one channel of many."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import sys
+import zlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from isosample.volume.grid import F64, SampleArray
+
+DEFLATE_RATIO = 1032  # the most that deflate can shrink: 258 bytes in 2 bits (zlib's technical notes)
+INFLATE_BYTES = 1 << 20  # read this many bytes at a time from a compressed stream
+NATIVE_ORDER = "<" if sys.byteorder == "little" else ">"
+
+Triple = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadOptions:
+    """What the caller says about a file beyond its path.
+
+    Attributes
+    ----------
+    shape : 3 ints or None
+        Number of samples along x, y, z of a headerless file.
+    dtype : numpy dtype or None
+        Type of the samples in a headerless file.
+    channel, time : int or None
+        The component and the time step to read from a file that has several.
+    """
+
+    shape: Triple | None = None
+    dtype: np.dtype[np.generic] | None = None
+    channel: int | None = None
+    time: int | None = None
+
+
+def parse_shape(shape: Sequence[int]) -> Triple:
+    """Return three sample counts (x, y, z), or raise."""
+    counts = tuple(shape)
+    if len(counts) != 3 or any(n < 1 or n != int(n) for n in counts):
+        raise InputError(f"shape {counts} must be three whole numbers >= 1 (x, y, z).")
+    x, y, z = (int(n) for n in counts)
+    return (x, y, z)
+
+
+def parse_dtype(dtype: npt.DTypeLike) -> np.dtype[np.generic]:
+    """Return a sample type, little-endian unless it says otherwise (``>u2``), or raise."""
+    try:
+        parsed: np.dtype[np.generic] = np.dtype(dtype)
+    except TypeError as error:
+        raise InputError(
+            f"dtype {dtype!r} is unknown; name a numpy type such as uint8, int16, >u2, float32."
+        ) from error
+    if parsed.kind not in "iuf":
+        raise InputError(f"dtype {dtype!r} is no integer or float; name one such as uint8, >u2, float32.")
+    return parsed.newbyteorder("<") if parsed.byteorder == "=" else parsed
+
+
+def choose(name: str, option: str, count: int, chosen: int | None) -> int:
+    """Return which of `count` channels or time steps to read.
+
+    Parameters
+    ----------
+    name : str
+        The file, for messages.
+    option : {'channel', 'time'}
+    count : int
+        How many the file has, >= 1.
+    chosen : int or None
+        The caller's choice; may be None where there is nothing to choose.
+
+    Raises
+    ------
+    InputError
+        If the choice is missing or out of range.
+    """
+    what = "channels" if option == "channel" else "time steps"
+    if chosen is None:
+        if count == 1:
+            return 0
+        raise InputError(
+            f"{name} has {count} {what}; a volume has one. Choose with --{option} N (0 to {count - 1})."
+        )
+    if not 0 <= chosen < count:
+        raise InputError(f"{name} has {count} {what}; --{option} {chosen} must be 0 to {count - 1}.")
+    return chosen
+
+
+def native(array: SampleArray) -> SampleArray:
+    """Return the samples in the machine's byte order: the array itself, or a converted copy."""
+    return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
+
+
+def positive_steps(spacing: F64, direction: F64) -> tuple[tuple[float, float, float], F64]:
+    """Return the same placement with every spacing > 0: a negative step becomes a flipped direction."""
+    flipped: F64 = direction * np.where(spacing < 0, -1.0, 1.0)
+    x, y, z = np.abs(spacing).tolist()
+    return (x, y, z), flipped
+
+
+def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0) -> SampleArray:
+    """Map the samples of an uncompressed file into memory, read-only.
+
+    Parameters
+    ----------
+    path : Path
+    dtype : numpy dtype
+        With its byte order; samples in a foreign order are read and converted instead of mapped.
+    size_xyz : 3 ints
+    offset : int
+        Bytes before the first sample; the file may be longer than needed only when this is not 0.
+
+    Returns
+    -------
+    samples : (Z, Y, X) of `dtype` in the machine's byte order
+
+    Raises
+    ------
+    InputError
+        If the file is too short, or longer than its shape says.
+    """
+    expected = offset + sample_bytes(dtype, size_xyz)
+    actual = path.stat().st_size
+    if actual < expected or (actual > expected and offset == 0):
+        raise wrong_length(path.name, actual, dtype, size_xyz, offset)
+    mapped = np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=size_xyz[::-1])
+    return native(mapped)
+
+
+def inflate_samples(
+    path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0
+) -> SampleArray:
+    """Read samples from a gzip file, to its end, so that its checksum is verified.
+
+    Parameters and errors are those of `map_samples`, counted in inflated bytes; a damaged stream also raises.
+    """
+    needed = sample_bytes(dtype, size_xyz)
+    most = path.stat().st_size * DEFLATE_RATIO
+    if offset + needed > most:
+        raise InputError(
+            f"{path.name} can inflate to {most} bytes at most; "
+            f"{_arithmetic(dtype, size_xyz, offset)}. Check --shape and --dtype."
+        )
+    samples = np.empty(needed, dtype=np.uint8)
+    actual = _inflate(path, offset, samples.data)
+    if actual < offset + needed or (actual > offset + needed and offset == 0):
+        raise wrong_length(path.name, actual, dtype, size_xyz, offset)
+    return native(samples.view(dtype).reshape(size_xyz[::-1]))
+
+
+def inflated_length(path: Path) -> int:
+    """Bytes that a gzip file inflates to; its checksum is verified on the way."""
+    return _inflate(path, 0, memoryview(bytearray()))
+
+
+def sample_bytes(dtype: np.dtype[np.generic], size_xyz: Sequence[int]) -> int:
+    """Bytes that the samples of a grid take."""
+    return math.prod(size_xyz) * dtype.itemsize
+
+
+def wrong_length(
+    name: str, actual: int, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int
+) -> InputError:
+    """Return the error for a file whose length does not fit its shape, with the arithmetic spelled out."""
+    cure = "Check --shape and --dtype." if offset == 0 else "The file is incomplete; fetch it again."
+    return InputError(f"{name} has {actual} bytes; {_arithmetic(dtype, size_xyz, offset)}. {cure}")
+
+
+def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> str:
+    x, y, z = size_xyz
+    header = f" after a header of {offset}" if offset else ""
+    total = offset + sample_bytes(dtype, size_xyz)
+    return f"{x} × {y} × {z} samples of {dtype.name} ({dtype.itemsize} bytes each){header} need {total}"
+
+
+def _inflate(path: Path, offset: int, target: memoryview) -> int:
+    """Fill `target` with the inflated bytes from `offset` on; return how many the whole stream holds."""
+    length = filled = 0
+    try:
+        with gzip.open(path, "rb") as stream:
+            length = len(stream.read(offset))
+            while filled < len(target) and (count := stream.readinto(target[filled:])):
+                filled += count
+            length += filled
+            while rest := stream.read(INFLATE_BYTES):
+                length += len(rest)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise InputError(
+            f"{path.name} is a damaged or incomplete gzip file ({error}). Fetch it again."
+        ) from error
+    return length
