@@ -242,7 +242,7 @@ class Volume:
             If no sample is finite.
         """
         low, high = np.inf, -np.inf
-        for block in self._blocks():
+        for block in self.blocks():
             if self.array.dtype.kind == "f":
                 block = block[np.isfinite(block)]
             if block.size:
@@ -257,7 +257,7 @@ class Volume:
         if self.array.dtype.kind != "f":
             return 0, 0
         nan_count = infinity_count = 0
-        for block in self._blocks():
+        for block in self.blocks():
             nan_count += int(np.count_nonzero(np.isnan(block)))
             infinity_count += int(np.count_nonzero(np.isinf(block)))
         return nan_count, infinity_count
@@ -266,10 +266,10 @@ class Volume:
         """Return the same samples in the volume's own axes: spacing kept, origin and direction dropped."""
         return Volume(self.array, spacing=self.spacing, name=self.name)
 
-    def _blocks(self) -> Iterator[SampleArray]:
-        """Yield slabs of whole z slices of about `SCAN_BYTES`, so that a memory-mapped file is read once."""
+    def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
+        """Yield slabs of whole z slices of about `block_bytes`, so that a memory-mapped file is read once."""
         slice_bytes = max(1, self.array[0].nbytes)
-        step = max(1, SCAN_BYTES // slice_bytes)
+        step = max(1, block_bytes // slice_bytes)
         for z in range(0, self.array.shape[0], step):
             yield np.asarray(self.array[z : z + step])
 
