@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 SELFTEST_ROOT = Path(__file__).resolve().parent / "selftest"
 INVOCATION_COUNT = 64 * 64
-IMAGE_EDGE = 256  # [pixel]; a triangle covers whole 64 x 64 bins, where list building can lose fragments
+IMAGE_EDGE = 300  # [pixel]; triangles cover whole 64 x 64 bins, where drivers were seen to lose fragments
 LAYER_COUNT = 5  # full-screen triangles on top of each other
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from isosample.errors import OpenGLError
 from isosample.gl import diagnosis
@@ -15,7 +16,6 @@ from isosample.gl.diagnosis import describe, diagnose, self_test
 
 if TYPE_CHECKING:
     import moderngl
-    import pytest
 
 
 def test_self_test_passes_on_this_driver(gl: moderngl.Context) -> None:
@@ -25,19 +25,28 @@ def test_self_test_passes_on_this_driver(gl: moderngl.Context) -> None:
     ]
 
 
-def test_self_test_reports_lost_fragments(gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
-    def losing_one(ctx: moderngl.Context) -> npt.NDArray[np.uint32]:
-        counts = np.full(1 + diagnosis.IMAGE_EDGE**2, diagnosis.LAYER_COUNT, np.uint32)
-        counts[0] = diagnosis.IMAGE_EDGE**2 * diagnosis.LAYER_COUNT - 1
-        counts[7] -= 1
+@pytest.mark.parametrize(
+    ("total", "cell", "detail"),
+    [
+        (449_999, 4, "counted 449999 of 450000, 1 of 90000 cells wrong"),
+        (449_999, 5, "counted 449999 of 450000, 0 of 90000 cells wrong"),
+        (450_000, 4, "counted 450000 of 450000, 1 of 90000 cells wrong"),
+    ],
+)
+def test_lost_fragments_are_reported_from_total_and_from_cells(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, total: int, cell: int, detail: str
+) -> None:
+    def losing(ctx: moderngl.Context) -> npt.NDArray[np.uint32]:
+        counts = np.full(1 + 300 * 300, 5, np.uint32)  # five layers on 300 x 300 pixels
+        counts[0], counts[7] = total, cell
         return counts
 
-    monkeypatch.setattr(diagnosis, "_count_fragments", losing_one)
+    monkeypatch.setattr(diagnosis, "_count_fragments", losing)
     check = self_test(gl)[1]
     assert not check.passed
-    assert check.detail == "counted 327679 of 327680, 1 of 65536 cells wrong"
+    assert check.detail == detail
     assert not diagnose().usable
-    assert "fragment shader with storage buffer: counted 327679 of 327680" in diagnose().summary
+    assert f"fragment shader with storage buffer: {detail}" in diagnose().summary
 
 
 def test_resolve_stage_follows_the_kind_of_renderer(gl: moderngl.Context) -> None:

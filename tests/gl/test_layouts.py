@@ -27,6 +27,7 @@ struct Mixed {
     vec4 planes[PLANE_COUNT];
     uvec3 cells;  int count;
     vec2 offset;
+    ivec3 corner;  float weight;
 };
 struct Small {   // 12 bytes in std430, 16 in std140
     uint next_index;
