@@ -59,8 +59,11 @@ def detect_format(path: Path, *, headerless: bool) -> Format:
     InputError
         If neither the first bytes nor the suffix are known, or the content is not what the suffix says.
     """
-    by_content = _by_content(first_bytes(path, START_BYTES))
+    start = first_bytes(path, START_BYTES)
+    by_content = _by_content(start)
     by_suffix = _by_suffix(path.name.lower())
+    if by_suffix is Format.DAT and headerless and b"resolution" not in start.lower():
+        return Format.RAW  # many programs call bare samples .dat
     if by_content is not None:
         return by_content
     if by_suffix in (Format.RAW, Format.DAT, Format.META) or (by_suffix is None and headerless):

@@ -126,10 +126,11 @@ def _check_steps(name: str, positions: F64 | None) -> None:
     if positions is None:
         return
     steps = np.abs(np.diff(positions[:, 2]))
-    usual = Counter(np.round(steps, 3).tolist()).most_common(1)[0][0]
+    moving = np.round(steps[steps > 0], 3).tolist()
+    usual = Counter(moving).most_common(1)[0][0] if moving else 1.0
     odd = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
-    if usual == 0 or odd.size:
-        at = int(odd[0]) if odd.size else 0
+    if odd.size:
+        at = int(odd[0])
         raise InputError(
             f"{name}: slices {at} and {at + 1} are {steps[at]:g} mm apart, most are {usual:g} mm. Slices are "
             "missing, doubled (several time steps or echoes?) or uneven; give a folder with one even stack."

@@ -190,8 +190,9 @@ def _samples(
     channel = choose(path.name, "channel", reader.GetNumberOfComponents(), options.channel)
     is_plain = len(size) == 3 and reader.GetNumberOfComponents() == 1
     if layout is not None and is_plain and reader.GetPixelID() == getattr(sitk, PIXELS[layout.dtype.str[1:]]):
-        load = inflate_samples if layout.gzipped else map_samples
-        return load(layout.path, layout.dtype, size, layout.offset)
+        if layout.gzipped:
+            return inflate_samples(layout.path, layout.dtype, size, layout.offset, layout.start)
+        return map_samples(layout.path, layout.dtype, size, layout.offset)
     if len(size) == 4:
         reader.SetExtractIndex([0, 0, 0, time])
         reader.SetExtractSize([*size[:3], 1])

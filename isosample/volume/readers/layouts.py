@@ -69,12 +69,15 @@ class Layout:
     dtype : numpy dtype
         With its byte order.
     gzipped : bool
+    start : int
+        Byte of the file at which the gzip stream begins.
     """
 
     path: Path
     offset: int
     dtype: np.dtype[np.generic]
     gzipped: bool = False
+    start: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,7 @@ class NiftiHeader:
 
 
 def nrrd_layout(path: Path) -> Layout | None:
-    """Return the layout of a raw NRRD file, or None where only the library can read it.
+    """Return the layout of a raw or gzipped NRRD file, or None where only the library can read it.
 
     Raises
     ------
@@ -118,10 +121,14 @@ def nrrd_layout(path: Path) -> Layout | None:
     data = path if named is None else _data_file(path, named)
     code = NRRD_CODES.get(fields.get("type", "").lower())
     skips = {fields.get("lineskip", "0"), fields.get("byteskip", "0")}
-    if code is None or fields.get("encoding", "").lower() != "raw" or skips != {"0"}:
+    encoding = fields.get("encoding", "").lower()
+    if code is None or encoding not in ("raw", "gzip", "gz") or skips != {"0"}:
         return None
     order = ">" if fields.get("endian", "little").lower() == "big" else "<"
-    return Layout(data, length if named is None else 0, np.dtype(order + code))
+    begin = length if named is None else 0
+    if encoding == "raw":
+        return Layout(data, begin, np.dtype(order + code))
+    return Layout(data, 0, np.dtype(order + code), gzipped=True, start=begin)
 
 
 def meta_layout(path: Path) -> Layout | None:

@@ -92,19 +92,17 @@ def _read(path: Path, options: ReadOptions) -> Volume:
     if not path.exists():
         raise InputError(f"{path} does not exist. Check the path.")
     if path.is_dir():
-        _refuse_description(path, "DICOM folder", is_described=is_described)
+        _refuse_description(path, "DICOM", is_described=is_described)
         return dicom.read_dicom_folder(path, options)
     if path.stat().st_size == 0:
         raise InputError(f"{path} is empty; a volume file was expected. Fetch it again.")
     found = detect_format(path, headerless=is_described)
     if found is not Format.RAW:
-        _refuse_description(path, f"{found.value} file", is_described=is_described)
+        _refuse_description(path, found.value, is_described=is_described)
     return READERS[found](path, options)
 
 
 def _refuse_description(path: Path, kind: str, *, is_described: bool) -> None:
     """Raise where shape or type are given for a file that states its own."""
     if is_described:
-        raise InputError(
-            f"{path.name} is a {kind}, which states its own size and type; leave out --shape and --dtype."
-        )
+        raise InputError(f"{path.name} states its own size and type ({kind}); leave out --shape and --dtype.")

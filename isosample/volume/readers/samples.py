@@ -101,7 +101,7 @@ def choose(name: str, option: str, count: int, chosen: int | None) -> int:
 
 def native(array: SampleArray) -> SampleArray:
     """Return the samples in the machine's byte order: the array itself, or a converted copy."""
-    return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
+    return array if array.dtype.isnative else np.asarray(array).astype(array.dtype.newbyteorder("="))
 
 
 def positive_steps(spacing: F64, direction: F64) -> tuple[tuple[float, float, float], F64]:
@@ -141,11 +141,12 @@ def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offse
 
 
 def inflate_samples(
-    path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0
+    path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0, start: int = 0
 ) -> SampleArray:
-    """Read samples from a gzip file, to its end, so that its checksum is verified.
+    """Read samples from a gzip stream, to its end, so that its checksum is verified.
 
-    Parameters and errors are those of `map_samples`, counted in inflated bytes; a damaged stream also raises.
+    Parameters and errors are those of `map_samples`, with `offset` counted in inflated bytes; the stream
+    begins at byte `start` of the file. A damaged stream also raises.
     """
     needed = sample_bytes(dtype, size_xyz)
     most = path.stat().st_size * DEFLATE_RATIO
@@ -155,7 +156,7 @@ def inflate_samples(
             f"{_arithmetic(dtype, size_xyz, offset)}. Check --shape and --dtype."
         )
     samples = np.empty(needed, dtype=np.uint8)
-    actual = _inflate(path, offset, samples.data)
+    actual = _inflate(path, offset, samples.data, start)
     if actual < offset + needed or (actual > offset + needed and offset == 0):
         raise wrong_length(path.name, actual, dtype, size_xyz, offset)
     return native(samples.view(dtype).reshape(size_xyz[::-1]))
@@ -186,11 +187,12 @@ def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> s
     return f"{x} × {y} × {z} samples of {dtype.name} ({dtype.itemsize} bytes each){header} need {total}"
 
 
-def _inflate(path: Path, offset: int, target: memoryview) -> int:
+def _inflate(path: Path, offset: int, target: memoryview, start: int = 0) -> int:
     """Fill `target` with the inflated bytes from `offset` on; return how many the whole stream holds."""
     length = filled = 0
     try:
-        with gzip.open(path, "rb") as stream:
+        with path.open("rb") as file, gzip.GzipFile(fileobj=file) as stream:
+            file.seek(start)
             length = len(stream.read(offset))
             while filled < len(target) and (count := stream.readinto(target[filled:])):
                 filled += count

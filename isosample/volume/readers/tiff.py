@@ -52,7 +52,7 @@ def read_tiff(path: Path, options: ReadOptions) -> Volume:
     """
     import tifffile
 
-    with _tiff_failures(path.name), tifffile.TiffFile(path) as tiff:
+    with _tiff_failures(path.name) as complaints, tifffile.TiffFile(path) as tiff:
         if len(tiff.series) != 1:
             shapes = ", ".join(str(series.shape) for series in tiff.series)
             raise InputError(
@@ -60,6 +60,7 @@ def read_tiff(path: Path, options: ReadOptions) -> Volume:
                 "Save the wanted series in a file of its own."
             )
         series = tiff.series[0]
+        complaints.refuse_damage()
         array = _mapped(path, tiff, series) if series.dataoffset is not None else series.asarray()
         samples = _slices_of_one_channel(path.name, series.axes, array, options)
         spacing, direction = positive_steps(_spacing(path.name, tiff), np.eye(3))
@@ -67,7 +68,7 @@ def read_tiff(path: Path, options: ReadOptions) -> Volume:
 
 
 @contextlib.contextmanager
-def _tiff_failures(name: str) -> Iterator[None]:
+def _tiff_failures(name: str) -> Iterator[_Complaints]:
     """Turn tifffile's many errors, and the damage that it only logs, into one clear line."""
     import tifffile
 
@@ -75,9 +76,8 @@ def _tiff_failures(name: str) -> Iterator[None]:
     logger = logging.getLogger("tifffile")
     propagated, logger.propagate = logger.propagate, False
     logger.addHandler(complaints)
-    reason = None
     try:
-        yield
+        yield complaints
     except InputError:
         raise
     except (tifffile.TiffFileError, *TIFF_FAILURES) as error:
@@ -86,12 +86,12 @@ def _tiff_failures(name: str) -> Iterator[None]:
             raise MissingDependencyError(
                 f"{name} is compressed in a way that needs imagecodecs: pip install imagecodecs ({reason})."
             ) from error
+        raise InputError(
+            f"{name} could not be read as TIFF ({reason}). It may be damaged or incomplete."
+        ) from error
     finally:
         logger.removeHandler(complaints)
         logger.propagate = propagated
-    reason = reason or next((line for line in complaints.lines if "offset" in line), None)
-    if reason is not None:
-        raise InputError(f"{name} could not be read as TIFF ({reason}). It may be damaged or incomplete.")
 
 
 class _Complaints(logging.Handler):
@@ -103,6 +103,12 @@ class _Complaints(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self.lines.append(" ".join(record.getMessage().split()))
+
+    def refuse_damage(self) -> None:
+        """Raise where a page or its entries lie outside the file."""
+        for line in self.lines:
+            if "offset" in line:
+                raise ValueError(line)
 
 
 def _mapped(path: Path, tiff: Any, series: Any) -> SampleArray:
@@ -157,7 +163,7 @@ def _pixel_size(page: Any, key: str) -> float:
 
 def _ome_spacing(name: str, xml: str) -> F64:
     """Spacing from OME's PhysicalSize entries, in their common unit, else in micrometres."""
-    pixels = next(ElementTree.fromstring(xml).iter("{*}Pixels"), None)
+    pixels = ElementTree.fromstring(xml).find(".//{*}Pixels")
     entries = {} if pixels is None else pixels.attrib
     keys = [f"PhysicalSize{axis}" for axis in "XYZ"]
     sizes = np.array([float(entries.get(key, 1.0)) for key in keys])
