@@ -117,6 +117,42 @@ def test_the_error_of_a_sphere_falls_with_the_square_of_the_spacing() -> None:
     assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2  # order 2
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize(("corner", "triangles"), [(1.5, 4), (1.0, 4), (0.5, 2)])
+def test_an_ambiguous_face_follows_the_bilinear_saddle(
+    axis: int, side: int, flip: bool, corner: float, triangles: int
+) -> None:
+    """Inside corners 1 and c, outside −1: the saddle (1 · c − 1)/(c + 3) is inside from c = 1 on.
+
+    Inside corners that are joined lie in one ring of six cut edges, 4 triangles; apart, in 2 of one each.
+    """
+    face = np.array([[1.0, -1.0], [-1.0, corner]])
+    cell = np.full((2, 2, 2), -1.0)
+    cell[(slice(None),) * axis + (side,)] = face[::-1] if flip else face
+    assert len(extract_mesh(Volume(cell), 0.0).triangles) == triangles
+
+
+def test_a_vertex_inside_a_cell_is_the_mean_of_its_neighbours() -> None:
+    volume = Volume(closed_noise(6))
+    (mesh,) = extract_surfaces(volume, [0.2]).meshes
+    inner = np.flatnonzero(mesh.edge_keys >= 3 * volume.array.size)
+    assert len(inner) > 10
+    for vertex in inner:
+        around = mesh.triangles[(mesh.triangles == vertex).any(axis=1)]
+        ring = np.setdiff1d(around, [vertex])
+        mean = mesh.positions[ring].astype(np.float64).mean(axis=0)
+        assert np.abs(mesh.positions[vertex] - mean).max() <= ROUNDING + 2.0**-50
+        gradient = mesh.gradients[ring].astype(np.float64).mean(axis=0)
+        assert (
+            np.abs(mesh.gradients[vertex] - gradient).max() <= 2.0**-23 * np.abs(mesh.gradients[ring]).max()
+        )
+        x, y, z = np.floor(mesh.positions[vertex]).astype(np.int64)
+        size_x, size_y, _ = volume.size_xyz
+        assert mesh.edge_keys[vertex] - 3 * volume.array.size == x + size_x * (y + size_y * z)
+
+
 def test_vertices_lie_on_the_linear_interpolant_of_their_edge() -> None:
     volume = Volume(closed_noise(11))
     surfaces = extract_surfaces(volume, [0.3])

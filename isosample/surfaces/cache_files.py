@@ -1,0 +1,156 @@
+"""Files of the mesh cache: written whole or not at all, and checked against their digest when read."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import uuid
+import zipfile
+import zlib
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CacheError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+FORMAT_VERSION = 1
+REMEDY = "Delete the folder and run `isosample precompute` again."
+
+# What reading a damaged archive raises; RuntimeError comes from flipped encryption and compression flags.
+_ARCHIVE_ERRORS = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
+
+Arrays = dict[str, npt.NDArray[np.generic]]
+
+
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file that takes the place of `path` when the block ends well, and vanishes otherwise.
+
+    Raises
+    ------
+    CacheError
+        If the folder or the file cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            yield file
+        os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
+    except OSError as error:
+        raise CacheError(f"{path} cannot be written: {error.strerror}. Choose another folder.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, kind: str, entries: Mapping[str, Any]) -> None:
+    """Write entries with the format's name and version and a digest of them all."""
+    document = {"format": f"isosample {kind}", "version": FORMAT_VERSION, **entries}
+    document["sha256"] = _json_digest(document)
+    with replacing(path) as file:
+        file.write((json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+
+
+def read_json(path: Path, kind: str) -> dict[str, Any]:
+    """Return what `write_json` wrote.
+
+    Raises
+    ------
+    CacheError
+        If the file is absent, unreadable, of another kind or version, or changed since it was written.
+    """
+    try:
+        document = json.loads(path.read_bytes())
+    except FileNotFoundError as error:
+        raise CacheError(
+            f"{path} is missing; {path.parent} is not a complete mesh cache. {REMEDY}"
+        ) from error
+    except (OSError, ValueError) as error:
+        raise CacheError(f"{path} cannot be read ({error}). {REMEDY}") from error
+    if not isinstance(document, dict) or document.get("format") != f"isosample {kind}":
+        raise CacheError(
+            f"{path} is not an isosample {kind}. Name a folder that `isosample precompute` made."
+        )
+    _check_version(path, document)
+    digest = document.pop("sha256", None)
+    if digest != _json_digest(document):
+        raise CacheError(f"{path} is damaged: its content does not match its digest. {REMEDY}")
+    return document
+
+
+def write_arrays(path: Path, header: Mapping[str, Any], arrays: Arrays) -> str:
+    """Write arrays behind a header, and return the digest of the arrays."""
+    digest = _arrays_digest(arrays)
+    text = json.dumps({"version": FORMAT_VERSION, **header, "payload_sha256": digest})
+    with replacing(path) as file:
+        np.savez(file, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)  # type: ignore[arg-type]
+    return digest
+
+
+def read_arrays(path: Path, header: Mapping[str, Any], *, digest: str | None = None) -> tuple[Arrays, str]:
+    """Return what `write_arrays` wrote, and its digest.
+
+    Parameters
+    ----------
+    path : Path
+    header : mapping
+        Entries that the file's own header must agree with.
+    digest : str, optional
+        Digest that the arrays must have; without one, the digest in the file.
+
+    Raises
+    ------
+    CacheError
+        If the file is absent, unreadable, of another version, about something else, or damaged.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays: Arrays = {name: stored[name] for name in stored.files}
+        found = json.loads(arrays.pop("header").tobytes())
+    except FileNotFoundError as error:
+        raise CacheError(f"{path} is missing. {REMEDY}") from error
+    except _ARCHIVE_ERRORS as error:
+        raise CacheError(f"{path} is damaged ({error}). {REMEDY}") from error
+    _check_version(path, found)
+    expected = {**header, "payload_sha256": digest or found.get("payload_sha256")}
+    for entry, value in expected.items():
+        if found.get(entry) != value:
+            raise CacheError(f"{path} has {entry} {found.get(entry)!r}, expected {value!r}. {REMEDY}")
+    if _arrays_digest(arrays) != expected["payload_sha256"]:
+        raise CacheError(f"{path} is damaged: its arrays do not match their digest. {REMEDY}")
+    return arrays, str(expected["payload_sha256"])
+
+
+def digest_of(entries: Mapping[str, Any]) -> str:
+    """Return the sha256 of entries in a canonical form, hexadecimal."""
+    return hashlib.sha256(json.dumps(entries, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def _json_digest(document: Mapping[str, Any]) -> str:
+    return digest_of({entry: value for entry, value in document.items() if entry != "sha256"})
+
+
+def _check_version(path: Path, document: Mapping[str, Any]) -> None:
+    version = document.get("version")
+    if version != FORMAT_VERSION:
+        raise CacheError(
+            f"{path} has format version {version}; this program reads and writes {FORMAT_VERSION}. {REMEDY}"
+        )
+
+
+def _arrays_digest(arrays: Arrays) -> str:
+    """Return the sha256 of names, dtypes, shapes and samples, in the order of the names."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
+        digest.update(array.reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()

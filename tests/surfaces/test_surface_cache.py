@@ -1,0 +1,251 @@
+"""The mesh cache: bit-exact, incremental, and loud about every kind of damage."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from mesh_checks import closed_noise
+
+from isosample.errors import CacheError, InputError
+from isosample.surfaces.cache import (
+    content_hash,
+    extract_with_cache,
+    load_cache,
+    load_surface_set,
+    write_cache,
+)
+from isosample.surfaces.extract import SurfaceSet, extract_surfaces
+from isosample.transfer.isovalues import IsovaluePlan, plan_isovalues
+from isosample.transfer.transfer_function import ControlPoint, TransferFunction
+from isosample.volume.grid import Volume
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def scene_volume(seed: int = 0) -> Volume:
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, -1.0]])
+    samples = closed_noise(seed, size=9).astype(">f4")
+    return Volume(samples, spacing=(0.1, 1 / 3, 0.7), origin=(0.1, -2.0, 1e3), direction=turn, name="noise")
+
+
+def scene_transfer(volume: Volume) -> tuple[TransferFunction, IsovaluePlan]:
+    colors = ((0.1, 0.2, 1 / 3), (1.0, 0.5, 0.0), (0.3, 0.3, 0.3))
+    points = zip((-0.5, 0.1, 0.7), colors, (0.0, 2.0 / 3.0, 0.0), strict=True)
+    transfer = TransferFunction([ControlPoint(value=v, color=c, extinction=e) for v, c, e in points])
+    return transfer, plan_isovalues(transfer, volume.value_range, per_slope=1)
+
+
+def written_scene(folder: Path, volume: Volume) -> SurfaceSet:
+    transfer, plan = scene_transfer(volume)
+    surfaces = extract_surfaces(volume, plan.isovalues, brick_cells=4)
+    write_cache(
+        folder,
+        surfaces,
+        content_hash=content_hash(volume),
+        transfer_function=transfer,
+        plan=plan,
+        name=volume.name,
+    )
+    return surfaces
+
+
+def assert_same_bits(first: SurfaceSet, second: SurfaceSet) -> None:
+    assert first.geometry == second.geometry
+    assert first.value_range == second.value_range
+    assert first.settings == second.settings
+    assert first.statistics.triangles == second.statistics.triangles
+    assert first.statistics.vertices == second.statistics.vertices
+    assert first.isovalues.tobytes() == second.isovalues.tobytes()
+    assert len(first.meshes) == len(second.meshes) > 0
+    for a, b in zip(first.meshes, second.meshes, strict=True):
+        assert (a.isovalue, a.brick, a.start) == (b.isovalue, b.brick, b.start)
+        for field in ("positions", "gradients", "edge_keys", "triangles"):
+            left, right = getattr(a, field), getattr(b, field)
+            assert left.dtype == right.dtype
+            assert left.shape == right.shape
+            assert left.tobytes() == right.tobytes()
+    for face, other in zip(first.boundary.faces, second.boundary.faces, strict=True):
+        assert face.dtype == other.dtype
+        assert face.tobytes() == other.tobytes()
+
+
+def test_a_scene_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    volume = scene_volume()
+    surfaces = written_scene(tmp_path / "deep" / "cache", volume)
+    scene = load_cache(tmp_path / "deep" / "cache")
+    assert_same_bits(scene.surfaces, surfaces)
+    transfer, plan = scene_transfer(volume)
+    assert scene.transfer_function.to_dict() == transfer.to_dict()
+    assert scene.plan.to_dict() == plan.to_dict()
+    assert scene.name == "noise"
+    assert scene.surfaces.statistics.levels_reused == len(plan.isovalues)
+
+
+def test_only_missing_isovalues_are_extracted(tmp_path: Path) -> None:
+    volume = scene_volume()
+    first = extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+    assert first.statistics.levels_reused == 0
+    files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.*")}
+    second = extract_with_cache(volume, [0.0, 0.25, 0.5, 99.0], tmp_path, brick_cells=4)
+    assert second.statistics.levels_reused == 2
+    assert_same_bits(second, extract_surfaces(volume, [0.0, 0.25, 0.5, 99.0], brick_cells=4))
+    assert {path: path.stat().st_mtime_ns for path in files} == files
+    third = extract_with_cache(volume, [0.0, 0.25, 0.5, 99.0], tmp_path, brick_cells=4)
+    assert (third.statistics.levels_reused, third.statistics.brick_visits) == (4, 0)
+    assert_same_bits(third, second)
+
+
+def test_surfaces_of_other_settings_are_not_mixed_up(tmp_path: Path) -> None:
+    volume = scene_volume()
+    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    other = extract_with_cache(volume, [0.0], tmp_path, brick_cells=5)
+    assert other.statistics.levels_reused == 0
+    assert_same_bits(load_surface_set(tmp_path, [0.0], brick_cells=5), other)
+    with pytest.raises(CacheError, match=r"no isosurface 0\.0 for these settings.*precompute"):
+        load_surface_set(tmp_path, [0.0], brick_cells=6)
+
+
+def test_negative_zero_names_the_same_surface(tmp_path: Path) -> None:
+    volume = scene_volume()
+    extract_with_cache(volume, [0.0], tmp_path)
+    assert extract_with_cache(volume, [-0.0], tmp_path).statistics.levels_reused == 1
+
+
+def test_the_content_hash_sees_samples_geometry_and_dtype_and_not_the_name() -> None:
+    samples = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
+    changed = samples.copy()
+    changed[-1, -1, -1] += 1
+    plain = content_hash(Volume(samples))
+    assert content_hash(Volume(samples, name="other")) == plain
+    assert content_hash(Volume(np.asfortranarray(samples))) == plain
+    others = [
+        Volume(changed),
+        Volume(samples, spacing=(1.0, 1.0, 1.0000000000000002)),
+        Volume(samples, origin=(0.0, 0.0, 1e-300)),
+        Volume(samples.astype(np.uint16)),
+        Volume(samples.reshape(5, 4, 3)),
+    ]
+    assert len({plain, *(content_hash(volume) for volume in others)}) == 6
+
+
+def test_the_folder_of_another_volume_is_refused(tmp_path: Path) -> None:
+    written_scene(tmp_path, scene_volume(0))
+    with pytest.raises(CacheError, match=r"another volume.*Choose another"):
+        extract_with_cache(scene_volume(1), [0.0], tmp_path)
+
+
+def test_a_folder_that_is_no_cache_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CacheError, match=r"not a mesh cache.*isosample precompute"):
+        load_cache(tmp_path)
+    extract_with_cache(scene_volume(), [0.0], tmp_path)
+    with pytest.raises(CacheError, match=r"scene\.json is missing"):
+        load_cache(tmp_path)
+    (tmp_path / "volume.json").write_text("[]")
+    with pytest.raises(CacheError, match=r"volume\.json is not an isosample cache"):
+        load_cache(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CacheError, match="cannot be written"):
+        extract_with_cache(scene_volume(), [0.0], tmp_path / "file")
+
+
+@pytest.mark.parametrize("name", ["volume.json", "scene.json", "boundary.npz", "surface"])
+@pytest.mark.parametrize("damage", ["truncate", "empty", "remove"])
+def test_damage_to_any_file_is_found_and_named(tmp_path: Path, name: str, damage: str) -> None:
+    written_scene(tmp_path, scene_volume())
+    path = min((tmp_path / "surfaces").iterdir()) if name == "surface" else tmp_path / name
+    content = path.read_bytes()
+    path.unlink() if damage == "remove" else path.write_bytes(
+        content[: len(content) // 2 * (damage != "empty")]
+    )
+    with pytest.raises(CacheError, match=path.name):
+        load_cache(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["volume.json", "scene.json", "boundary.npz", "surface"])
+def test_a_flipped_bit_is_found_or_changes_nothing(tmp_path: Path, name: str) -> None:
+    """Some bytes of a zip archive say nothing (dates); nearly all others are covered by digests."""
+    surfaces = written_scene(tmp_path, scene_volume())
+    path = min((tmp_path / "surfaces").iterdir()) if name == "surface" else tmp_path / name
+    content = path.read_bytes()
+    places = np.linspace(0, len(content) - 1, 16).astype(int).tolist()
+    directory = content.find(
+        b"PK\x01\x02"
+    )  # in an archive also: encryption flag, compression method, checksum
+    places += [directory + entry for entry in (8, 10, 16)] if directory > 0 else []
+    found = 0
+    for place in places:
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        try:
+            assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
+        except CacheError as error:
+            assert path.name in str(error)  # noqa: PT017
+            found += 1
+    assert found > 0.7 * len(places)
+
+
+def test_swapped_surface_files_are_found(tmp_path: Path) -> None:
+    extract_with_cache(scene_volume(), [0.0, 0.5], tmp_path)
+    first, second = sorted((tmp_path / "surfaces").iterdir())
+    first.write_bytes(second.read_bytes())
+    with pytest.raises(CacheError, match=f"{first.name} has key"):
+        load_surface_set(tmp_path, [0.0, 0.5])
+
+
+def test_a_scene_pins_the_arrays_it_was_written_with(tmp_path: Path) -> None:
+    """A well-formed file of the right name and other arrays, as another version of the kernel might write."""
+    surfaces = written_scene(tmp_path, scene_volume())
+    from isosample.surfaces.surface_files import surface_key, surface_path, write_surface
+
+    key = surface_key(content_hash(scene_volume()), float(surfaces.isovalues[0]), surfaces.settings)
+    write_surface(surface_path(tmp_path, key), key, surfaces.pieces(1))
+    with pytest.raises(CacheError, match="payload_sha256"):
+        load_cache(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["volume.json", "scene.json"])
+def test_another_format_version_is_refused(tmp_path: Path, name: str) -> None:
+    written_scene(tmp_path, scene_volume())
+    document = json.loads((tmp_path / name).read_text())
+    document["version"] = 0
+    (tmp_path / name).write_text(json.dumps(document))
+    with pytest.raises(CacheError, match=f"{name} has format version 0"):
+        load_cache(tmp_path)
+
+
+def test_pickled_arrays_are_never_loaded(tmp_path: Path) -> None:
+    written_scene(tmp_path, scene_volume())
+    np.savez(tmp_path / "boundary.npz", header=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(CacheError, match=r"boundary\.npz is damaged"):
+        load_cache(tmp_path)
+
+
+def test_an_interrupted_write_leaves_no_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_out_of_space(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    volume = scene_volume()
+    extract_with_cache(volume, [0.0], tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr(np, "savez", run_out_of_space)
+    with pytest.raises(CacheError, match="No space left on device"):
+        extract_with_cache(volume, [0.5], tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_isovalues_that_are_not_finite_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="finite"):
+        extract_with_cache(scene_volume(), [np.inf], tmp_path)
+
+
+def test_loading_needs_no_volume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written_scene(tmp_path, scene_volume())
+
+    def refuse(self: Volume) -> None:
+        raise AssertionError("a volume was made")
+
+    monkeypatch.setattr(Volume, "__post_init__", refuse)
+    assert len(load_cache(tmp_path).surfaces.meshes) > 0
