@@ -1,1 +1,74 @@
-"""isosample: volume rendering that samples where the data changes."""
+"""isosample: volume rendering that samples where the data changes.
+
+A volume and a transfer function give isovalues, the isovalues give meshes, and a GPU A-buffer integrates the
+volume-rendering integral over the meshes' crossings with every pixel's ray.
+
+>>> import isosample
+>>> volume = isosample.open_volume("head.nrrd")
+>>> image = isosample.render(volume, camera=isosample.Camera.orbit(volume.box, azimuth=30))
+>>> image.save("head.png")
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from isosample.errors import IsosampleError as IsosampleError
+    from isosample.rendering.camera import Camera as Camera
+    from isosample.rendering.camera import Projection as Projection
+    from isosample.rendering.image import Image as Image
+    from isosample.rendering.pipeline import render as render
+    from isosample.rendering.pipeline import render_surfaces as render_surfaces
+    from isosample.rendering.settings import ClipPlane as ClipPlane
+    from isosample.rendering.settings import Material as Material
+    from isosample.rendering.settings import RenderSettings as RenderSettings
+    from isosample.rendering.settings import SegmentRule as SegmentRule
+    from isosample.surfaces.extract import extract_meshes as extract  # noqa: F401
+    from isosample.transfer.control_points import ControlPoint as ControlPoint
+    from isosample.transfer.control_points import Isosurface as Isosurface
+    from isosample.transfer.isovalues import plan_isovalues as plan_isovalues
+    from isosample.transfer.transfer_function import TransferFunction as TransferFunction
+    from isosample.volume.grid import Volume as Volume
+    from isosample.volume.readers import open_volume as open_volume
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Camera": "rendering.camera",
+    "ClipPlane": "rendering.settings",
+    "ControlPoint": "transfer.control_points",
+    "Image": "rendering.image",
+    "Isosurface": "transfer.control_points",
+    "IsosampleError": "errors",
+    "Material": "rendering.settings",
+    "Projection": "rendering.camera",
+    "RenderSettings": "rendering.settings",
+    "SegmentRule": "rendering.settings",
+    "TransferFunction": "transfer.transfer_function",
+    "Volume": "volume.grid",
+    "extract": "surfaces.extract:extract_meshes",
+    "open_volume": "volume.readers",
+    "plan_isovalues": "transfer.isovalues",
+    "render": "rendering.pipeline",
+    "render_surfaces": "rendering.pipeline",
+}
+
+__all__ = [
+    "__version__", *sorted(_HOMES),
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use, so that `import isosample` stays fast."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'isosample' has no attribute {name!r}")
+    module, _, attribute = _HOMES[name].partition(":")
+    found = getattr(importlib.import_module(f"isosample.{module}"), attribute or name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

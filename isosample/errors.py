@@ -25,5 +25,9 @@ class CapacityError(IsosampleError):
     """A scene needs more than the device or the memory budget can hold, however it is split."""
 
 
+class LostFragmentsError(IsosampleError):
+    """The lists do not hold every fragment that was rasterised; the picture would be wrong and is not shown."""
+
+
 class CacheError(IsosampleError):
     """A mesh cache is damaged, of another format version, or lacks what the scene needs."""

@@ -141,7 +141,9 @@ def meta_layout(path: Path) -> Layout | None:
     """
     text, length = _text_header(path, rb"ElementDataFile\s*=[^\n]*\n?")
     fields = _fields(text, "=")
-    named = fields["elementdatafile"]
+    named = fields.get("elementdatafile", "")
+    if not named:
+        raise InputError(f"{path.name} names no ElementDataFile. It may be damaged or incomplete.")
     if "%" in named or named.upper().startswith("LIST"):
         return None
     is_local = named.upper() == "LOCAL"

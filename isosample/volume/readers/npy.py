@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +34,7 @@ def read_npy(path: Path, options: ReadOptions) -> Volume:
     """
     try:
         array: SampleArray = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, SyntaxError) as error:
+    except (ValueError, EOFError, SyntaxError, tokenize.TokenError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{path.name} is no readable .npy file ({reason}). It may be incomplete.") from error
     return Volume(native(_chosen(path.name, array, options)), name=path.name)

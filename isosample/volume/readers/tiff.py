@@ -23,7 +23,17 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray
 
 MICROMETRES = {"nm": 1e-3, "µm": 1.0, "um": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6}
-TIFF_FAILURES = (ValueError, TypeError, KeyError, IndexError, RuntimeError, struct.error, zlib.error)
+TIFF_FAILURES = (  # what tifffile lets through on damaged files, found by damaging some
+    ArithmeticError,
+    AssertionError,
+    IndexError,
+    KeyError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    struct.error,
+    zlib.error,
+)
 PAGE_AXES = "ZIQ"  # z, image sequence, other: each page is a slice
 
 

@@ -1,0 +1,408 @@
+"""The A-buffer: rasterises all surfaces into per-pixel lists, sorts them and integrates the VRI over each.
+
+Source: Lindholm et al., "Towards data centric sampling for volume rendering", Algorithm 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CapacityError, LostFragmentsError
+from isosample.gl.context import drawing_into, is_software, limits
+from isosample.gl.timer import StageTimer
+from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants, storage_dtype
+from isosample.rendering.programs import Programs, storage_bindings
+from isosample.rendering.settings import ResolveStage, SegmentRule, check_size
+from isosample.rendering.tiles import Tile, strips, tiles_that_fit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import moderngl
+
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.scene import Scene
+    from isosample.rendering.settings import RenderSettings
+
+F32 = npt.NDArray[np.float32]
+
+QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
+WORK_GROUP = 8  # local size of the compute shaders
+SEGMENT_RULES = {SegmentRule.CONSTANT: 0, SegmentRule.CONSTANT_FIRST_ORDER: 1, SegmentRule.LINEAR: 2}
+LONGEST_LIST = 12_000  # about 5 loop iterations per node in one shader call stay below llvmpipe's 65535
+
+
+@dataclass(slots=True)
+class FrameStatistics:
+    """What one picture cost.
+
+    Attributes
+    ----------
+    fragments : int
+        Crossings found in the lists.
+    lost_fragments : int
+        Rasterised by an independent count but not in the lists: 0, since otherwise there is no picture.
+    max_depth_complexity : int
+        Longest list.
+    band_violations : int
+        Crossings that did not continue the walk through the bands; missing ones were put in between.
+    saturated_segments : int
+        Segments whose first-order opacity was above 1 and was taken as 1.
+    terminated_rays : int
+        Rays that ended behind an opaque front.
+    tiles : int
+        Parts in which the picture was rendered.
+    pool_bytes : int
+        Memory of the fragment pool.
+    """
+
+    fragments: int = 0
+    lost_fragments: int = 0
+    max_depth_complexity: int = 0
+    band_violations: int = 0
+    saturated_segments: int = 0
+    terminated_rays: int = 0
+    tiles: int = 0
+    pool_bytes: int = 0
+
+
+@dataclass(slots=True)
+class _Frame:
+    """One picture in the making."""
+
+    block: npt.NDArray[np.void]
+    settings: RenderSettings
+    sides: tuple[float, ...]
+    statistics: FrameStatistics = field(default_factory=FrameStatistics)
+
+    @property
+    def shading(self) -> int:
+        return int(self.settings.material is not None)
+
+
+class ABuffer:
+    """Renders one scene from any camera; holds its meshes, programs and fragment pool on the GPU.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    scene : Scene
+
+    Raises
+    ------
+    CapacityError
+        If the scene has more levels or larger tables than the device takes.
+
+    Notes
+    -----
+    Use as a context manager, or call `release`. `timer.seconds` holds the seconds of every stage so far.
+    """
+
+    def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
+        self._ctx = ctx
+        self._geometry = scene.geometry
+        self._scene = scene
+        self._limits = limits(ctx)
+        self.timer = StageTimer(ctx)
+        self._programs = Programs(ctx)
+        with self.timer.stage("upload"):
+            self._device = DeviceScene(ctx, scene)
+        self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
+        self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
+        self._query = ctx.query(samples=True)
+        self._pool: moderngl.Buffer | None = None
+        self._heads: moderngl.Buffer | None = None
+        self._target: moderngl.Framebuffer | None = None
+        self._rasteriser: moderngl.Framebuffer | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free everything on the GPU."""
+        self._release_targets()
+        self._device.release()
+        self._programs.release()
+        for owned in (self._counters, self._frame_buffer, self._pool, self._heads):
+            if owned is not None:
+                owned.release()
+        self._pool = self._heads = None
+
+    def render(
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        settings: RenderSettings,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> tuple[F32, FrameStatistics]:
+        """Render one picture.
+
+        Parameters
+        ----------
+        camera : Camera
+        size : (width, height)
+            Pixels.
+        settings : RenderSettings
+        progress : callable, optional
+            Called with pixels done and pixels in all.
+
+        Returns
+        -------
+        rgba : (height, width, 4) float32
+            Premultiplied linear RGBA, row 0 on top.
+        statistics : FrameStatistics
+
+        Raises
+        ------
+        InputError
+            If the size is not two whole numbers >= 1.
+        CapacityError
+            If the picture is larger than the driver's framebuffers, or one pixel's list does not fit the
+            budget or is longer than `LONGEST_LIST`.
+        LostFragmentsError
+            If the lists hold another number of fragments than the rasteriser counted.
+        """
+        width, height = check_size(size)
+        target = self._make_targets(width, height)
+        block = frame_block(self._scene, camera, (width, height), settings)
+        frame = _Frame(block=block, settings=settings, sides=self._sides(camera, width / height))
+        parts = strips(width, height, self._limits.storage_block_bytes // 4)
+        done = 0
+        while parts:
+            part = parts.pop(0)
+            smaller = self._render_tile(part, frame)
+            parts = smaller + parts
+            if not smaller:
+                done += part.pixel_count
+                frame.statistics.tiles += 1
+                if progress is not None:
+                    progress(done, width * height)
+        frame.statistics.pool_bytes = 0 if self._pool is None else self._pool.size
+        with self.timer.stage("read back"):
+            pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
+        return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
+
+    # -- one tile ---------------------------------------------------------------------------------
+
+    def _render_tile(self, tile: Tile, frame: _Frame) -> list[Tile]:
+        """Render a tile, or return smaller tiles to render in its place because its lists do not fit."""
+        if self._pool is None:
+            with self.timer.stage("measure"):
+                measured = self._measure(tile, frame)
+            if not self._grow_pool(measured, frame.settings):
+                return self._split(tile, frame)
+        counters, rasterised = self._build(tile, frame)
+        asked = int(counters["node_count"])
+        if rasterised == QUERY_SATURATED or asked > self._capacity:
+            needed = max(asked, rasterised)
+            return [tile] if self._grow_pool(needed, frame.settings) else self._split(tile, frame)
+        self._resolve(tile, frame)
+        self._account(rasterised, frame.statistics)
+        return []
+
+    def _measure(self, tile: Tile, frame: _Frame) -> int:
+        """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""
+        self._bind(tile, frame)
+        return self._draw(self._programs.graphics("build.vert", "measure.frag"), tile, frame)
+
+    def _split(self, tile: Tile, frame: _Frame) -> list[Tile]:
+        """Tiles whose lists fit, from a count of every pixel's fragments."""
+        with self.timer.stage("count"):
+            heads = self._prepare_heads(tile, fill=b"\0\0\0\0")
+            self._bind(tile, frame)
+            self._draw(self._programs.graphics("build.vert", "count.frag"), tile, frame)
+            self._ctx.memory_barrier()
+            counts = np.frombuffer(heads.read(size=4 * tile.pixel_count), dtype=np.uint32)
+        return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._capacity)
+
+    def _build(self, tile: Tile, frame: _Frame) -> tuple[np.void, int]:
+        """Fill the lists; return the counters and the number of fragments by an independent count."""
+        program = self._programs.graphics("build.vert", "build.frag", SHADING=frame.shading)
+        with self.timer.stage("build"):
+            self._prepare_heads(tile, fill=b"\xff\xff\xff\xff")
+            self._counters.clear()
+            self._bind(tile, frame)
+            rasterised = self._draw(program, tile, frame)
+            self._ctx.memory_barrier()
+            return self._read_counters(), rasterised
+
+    def _draw(self, program: moderngl.Program, tile: Tile, frame: _Frame) -> int:
+        """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
+        assert self._rasteriser is not None
+        with self._query:
+            self._device.draw(program, self._rasteriser, tile, frame.sides)
+        return int(self._query.samples)
+
+    def _resolve(self, tile: Tile, frame: _Frame) -> None:
+        """Sort and integrate the lists of a tile into the target; very long lists take a second round."""
+        limit = shared_constants()["LINK_SORT_LIMIT"]
+        with self.timer.stage("resolve"):
+            self._integrate(tile, frame)
+            longest = int(self._read_counters()["max_depth_complexity"])
+            if longest > limit:
+                self._merge_long_lists(tile, longest)
+                self._clear_resolve_counters()
+                self._integrate(tile, frame)
+
+    def _integrate(self, tile: Tile, frame: _Frame) -> None:
+        constants = {
+            "SHADING": frame.shading,
+            "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
+            "SORT_CAPACITY": frame.settings.sort_capacity,
+        }
+        if resolve_stage(self._ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
+            self._integrate_by_fragments(tile, constants)
+        else:
+            self._integrate_by_compute(tile, constants)
+        self._ctx.memory_barrier()
+
+    def _integrate_by_fragments(self, tile: Tile, constants: dict[str, int]) -> None:
+        assert self._target is not None
+        screen = self._ctx.vertex_array(
+            self._programs.graphics("screen.vert", "resolve.frag", **constants), []
+        )
+        self._target.scissor = (tile.x, tile.y, tile.width, tile.height)
+        with drawing_into(self._ctx, self._target):
+            screen.render(vertices=3)
+        screen.release()
+
+    def _integrate_by_compute(self, tile: Tile, constants: dict[str, int]) -> None:
+        program = self._programs.compute("resolve.comp", **constants)
+        unit = shared_constants()["BINDING_IMAGE"]
+        self._picture.bind_to_image(unit, read=False, write=True)
+        program.run(*_work_groups(tile))
+
+    def _merge_long_lists(self, tile: Tile, longest: int) -> None:
+        """Sort the lists above LINK_SORT_LIMIT, one merge pass per call."""
+        if longest > LONGEST_LIST:
+            raise CapacityError(
+                f"one pixel has {longest} fragments; at most {LONGEST_LIST} can be sorted. "
+                "Use fewer isovalues."
+            )
+        program = self._programs.compute("merge_lists.comp", SORT_CAPACITY=1)
+        run = 1
+        while run < longest:
+            program["run"] = run
+            program.run(*_work_groups(tile))
+            self._ctx.memory_barrier()
+            run *= 2
+
+    def _account(self, rasterised: int, statistics: FrameStatistics) -> None:
+        """Add a tile's counters; raise if its lists lack fragments."""
+        counters = self._read_counters()
+        walked, built = int(counters["walked_count"]), int(counters["node_count"])
+        lost = max(abs(rasterised - walked), abs(built - walked))
+        if lost:
+            raise LostFragmentsError(
+                f"{rasterised} fragments were rasterised, {built} stored and {walked} found in the lists. "
+                f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
+            )
+        statistics.fragments += walked
+        statistics.max_depth_complexity = max(
+            statistics.max_depth_complexity, int(counters["max_depth_complexity"])
+        )
+        statistics.band_violations += int(counters["band_violations"])
+        statistics.saturated_segments += int(counters["saturated_segments"])
+        statistics.terminated_rays += int(counters["terminated_rays"])
+
+    # -- camera and memory ------------------------------------------------------------------------
+
+    def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
+        """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""
+        rays = camera.rays(aspect)
+        box = self._geometry.box
+        unit = np.linalg.inv(box.edges.T) @ (rays.eye - box.corner)
+        inside = bool(np.all((unit >= 0.0) & (unit <= 1.0)))
+        return (1.0, -1.0) if rays.perspective and inside else (1.0,)
+
+    @property
+    def _capacity(self) -> int:
+        """Nodes that the pool holds."""
+        return 0 if self._pool is None else self._pool.size // storage_dtype("Node").itemsize
+
+    def _grow_pool(self, node_count: int, settings: RenderSettings) -> bool:
+        """Make the pool hold `node_count` nodes; if the budget or the driver allows less, make it that large.
+
+        Returns whether all of them fit.
+        """
+        node_bytes = storage_dtype("Node").itemsize
+        largest = min(self._limits.storage_block_bytes, settings.fragment_budget_bytes) // node_bytes
+        wanted = min(max(node_count, 1), largest)
+        if wanted > self._capacity:
+            if self._pool is not None:
+                self._pool.release()
+            self._pool = self._ctx.buffer(reserve=wanted * node_bytes)
+        return node_count <= largest
+
+    def _prepare_heads(self, tile: Tile, fill: bytes) -> moderngl.Buffer:
+        """The buffer of list heads (or counts), large enough for the tile and filled."""
+        needed = 4 * tile.pixel_count
+        if self._heads is None or self._heads.size < needed:
+            if self._heads is not None:
+                self._heads.release()
+            self._heads = self._ctx.buffer(reserve=needed)
+        self._heads.clear(size=needed, chunk=fill)
+        return self._heads
+
+    def _make_targets(self, width: int, height: int) -> moderngl.Framebuffer:
+        """Framebuffers of the picture's size: one with the picture (returned), one without attachments."""
+        if self._target is not None and self._target.size == (width, height):
+            return self._target
+        largest = min(*self._limits.framebuffer_size, self._limits.texture_size)
+        if max(width, height) > largest:
+            raise CapacityError(
+                f"a picture of {width} x {height} pixels is larger than this driver's {largest}."
+            )
+        self._release_targets()
+        self._picture = self._ctx.texture((width, height), 4, dtype="f4")
+        self._target = self._ctx.framebuffer([self._picture])
+        self._rasteriser = self._ctx.empty_framebuffer((width, height))
+        return self._target
+
+    def _release_targets(self) -> None:
+        if self._target is not None:
+            self._target.release()
+            self._picture.release()
+        if self._rasteriser is not None:
+            self._rasteriser.release()
+        self._target = self._rasteriser = None
+
+    def _bind(self, tile: Tile, frame: _Frame) -> None:
+        """Write the frame block and bind every buffer."""
+        set_tile(frame.block, tile, self._capacity)
+        self._frame_buffer.write(frame.block.tobytes())
+        self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
+        self._device.bind()
+        own = {"Heads": self._heads, "Nodes": self._pool, "CounterBlock": self._counters}
+        for name, buffer in own.items():
+            if buffer is not None:
+                buffer.bind_to_storage_buffer(storage_bindings()[name])
+
+    def _read_counters(self) -> np.void:
+        counters: np.void = np.frombuffer(self._counters.read(), dtype=storage_dtype("Counters"))[0]
+        return counters
+
+    def _clear_resolve_counters(self) -> None:
+        """Set all counters but the build pass's to zero."""
+        counters = np.zeros(1, dtype=storage_dtype("Counters"))
+        counters["node_count"] = self._read_counters()["node_count"]
+        self._counters.write(counters.tobytes())
+
+
+def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
+    """The stage that runs the resolve pass: what is asked for, or by the renderer for AUTO."""
+    if asked is not ResolveStage.AUTO:
+        return asked
+    return ResolveStage.FRAGMENT if is_software(ctx) else ResolveStage.COMPUTE
+
+
+def _work_groups(tile: Tile) -> tuple[int, int]:
+    return -(-tile.width // WORK_GROUP), -(-tile.height // WORK_GROUP)

@@ -1,0 +1,280 @@
+"""The camera: where the rays of a picture start and where they go."""
+
+from __future__ import annotations
+
+import enum
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from isosample.volume.grid import Box
+
+F64 = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+DEFAULT_FOV_Y_DEGREES = 30.0
+PARALLEL_LIMIT = 1e-6  # sine of the smallest angle between the view direction and `up`
+
+
+class Projection(enum.Enum):
+    """How rays leave the image plane."""
+
+    ORTHOGRAPHIC = "orthographic"
+    PERSPECTIVE = "perspective"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rays:
+    """The camera as the shaders see it, for an image of a given aspect.
+
+    A pixel at image-plane position (x, y) in [-1, 1]² has, with o = x·span_right + y·span_up, the ray
+    eye + o + t·forward (orthographic) or eye + t·normalize(forward + o) (perspective).
+
+    Attributes
+    ----------
+    eye, forward, span_right, span_up : (3,) float64
+        World space; `forward` is a unit vector, the spans are half the image's width and height: in world
+        units (orthographic), or at distance 1 in front of the eye (perspective).
+    perspective : bool
+    """
+
+    eye: F64
+    forward: F64
+    span_right: F64
+    span_up: F64
+    perspective: bool
+
+    def origins_and_directions(self, width: int, height: int) -> tuple[F64, F64]:
+        """Origin and unit direction of the ray through every pixel centre.
+
+        Returns
+        -------
+        origins, directions : (height, width, 3) float64
+            Row 0 is the top of the picture.
+        """
+        x = 2.0 * (np.arange(width) + 0.5) / width - 1.0
+        y = 1.0 - 2.0 * (np.arange(height) + 0.5) / height
+        offset = x[None, :, None] * self.span_right + y[:, None, None] * self.span_up
+        if self.perspective:
+            directions = self.forward + offset
+            directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+            return np.broadcast_to(self.eye, offset.shape).copy(), directions
+        return self.eye + offset, np.broadcast_to(self.forward, offset.shape).copy()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Camera:
+    """An orthographic or perspective camera.
+
+    Parameters
+    ----------
+    projection : Projection
+    eye, target, up : 3 floats
+        World space. The picture's centre looks from `eye` to `target`; `up` points up in the picture.
+    height : float, optional
+        Orthographic: height of the window [world], > 0.
+    fov_y_degrees : float, optional
+        Perspective: vertical angle of view, between 0 and 180.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, eye and target coincide, `up` is parallel to the view, or the size is
+        missing, out of range, or that of the other projection.
+    """
+
+    projection: Projection
+    eye: Vector
+    target: Vector
+    up: Vector = (0.0, 1.0, 0.0)
+    height: float | None = None
+    fov_y_degrees: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("eye", "target", "up"):
+            object.__setattr__(self, name, _vector(getattr(self, name), f"camera {name}"))
+        if self.projection is Projection.ORTHOGRAPHIC:
+            _check_size(self.height, "height", math.inf, self.fov_y_degrees, "fov_y_degrees", "orthographic")
+        else:
+            _check_size(self.fov_y_degrees, "fov_y_degrees", 180.0, self.height, "height", "perspective")
+        view = np.subtract(self.target, self.eye)
+        if not np.any(view):
+            raise InputError(f"camera eye and target are both {self.eye}; move one of them.")
+        lengths = float(np.linalg.norm(view) * np.linalg.norm(self.up))
+        if np.linalg.norm(np.cross(view, self.up)) <= PARALLEL_LIMIT * lengths:
+            raise InputError(
+                f"camera up {self.up} is parallel to the view direction; choose another up vector."
+            )
+
+    @classmethod
+    def orbit(
+        cls,
+        box: Box,
+        *,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        zoom: float = 1.0,
+        projection: Projection = Projection.ORTHOGRAPHIC,
+        aspect: float = 1.0,
+    ) -> Camera:
+        """Camera on a sphere about the centre of a box, such that the box's bounding sphere fits the picture.
+
+        Parameters
+        ----------
+        box : Box
+            Usually `volume.box`.
+        azimuth, elevation : float
+            Degrees. At 0, 0 the eye is on +z looking along −z with +y up and +x to the right; azimuth turns
+            the eye towards +x, elevation towards +y.
+        zoom : float
+            Magnification, > 0; 1 fits the bounding sphere.
+        projection : Projection
+        aspect : float
+            Width / height of the picture; below 1 the window grows so that the sphere still fits.
+
+        Raises
+        ------
+        InputError
+            If zoom or aspect is not positive, an angle is not finite, or the box has no extent.
+        """
+        for name, number in (("zoom", zoom), ("aspect", aspect)):
+            if not (math.isfinite(number) and number > 0):
+                raise InputError(f"{name} {number} must be a finite number > 0.")
+        if not (math.isfinite(azimuth) and math.isfinite(elevation)):
+            raise InputError(f"azimuth {azimuth} and elevation {elevation} must be finite angles in degrees.")
+        radius = box.radius
+        if radius == 0:
+            raise InputError(
+                "the volume's box has no extent; a picture needs at least two samples along an axis."
+            )
+        outward, up = _orbit_frame(math.radians(azimuth), math.radians(elevation))
+        fit = radius / min(aspect, 1.0) / zoom
+        half_fov = math.radians(DEFAULT_FOV_Y_DEGREES) / 2
+        distance = 2.0 * radius
+        if projection is Projection.PERSPECTIVE:
+            # The sphere touches the cone of the narrower half-angle; zoom narrows the view, the eye stays.
+            narrow = math.atan(math.tan(half_fov) * min(aspect, 1.0))
+            distance = radius / math.sin(narrow)
+        eye = _vector(box.centre + distance * outward, "eye")
+        common: dict[str, Any] = {
+            "eye": eye,
+            "target": _vector(box.centre, "target"),
+            "up": _vector(up, "up"),
+        }
+        if projection is Projection.ORTHOGRAPHIC:
+            return cls(projection=projection, height=2.0 * fit, **common)
+        fov = 2.0 * math.degrees(math.atan(math.tan(half_fov) / zoom))
+        return cls(projection=projection, fov_y_degrees=fov, **common)
+
+    def rays(self, aspect: float) -> Rays:
+        """Rays of this camera for a picture of width / height = `aspect`."""
+        eye = np.asarray(self.eye)
+        view = np.asarray(self.target) - eye
+        forward = view / np.linalg.norm(view)
+        right = np.cross(forward, self.up)
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        half = self._half_height()
+        return Rays(
+            eye=eye,
+            forward=forward,
+            span_right=half * aspect * right,
+            span_up=half * up,
+            perspective=self.projection is Projection.PERSPECTIVE,
+        )
+
+    def _half_height(self) -> float:
+        if self.height is not None:
+            return self.height / 2.0
+        assert self.fov_y_degrees is not None  # checked in __post_init__
+        return math.tan(math.radians(self.fov_y_degrees) / 2.0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Camera file content, see `from_dict`."""
+        entries: dict[str, Any] = {
+            "projection": self.projection.value,
+            "eye": list(self.eye),
+            "target": list(self.target),
+            "up": list(self.up),
+        }
+        if self.projection is Projection.ORTHOGRAPHIC:
+            return entries | {"height": self.height}
+        return entries | {"fov_y_degrees": self.fov_y_degrees}
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any], source: str = "camera") -> Camera:
+        """Camera from ``{"projection", "eye", "target", "up", "height" | "fov_y_degrees"}``.
+
+        Raises
+        ------
+        InputError
+            If an entry is missing, unknown or out of range; the message starts with `source`.
+        """
+        known = {"projection", "eye", "target", "up", "height", "fov_y_degrees"}
+        if not isinstance(entries, dict) or not {"projection", "eye", "target"} <= set(entries) <= known:
+            raise InputError(
+                f"{source}: a camera has the entries projection, eye, target, up, and height (orthographic) "
+                f"or fov_y_degrees (perspective); got {entries!r}."
+            )
+        try:
+            projection = Projection(entries["projection"])
+        except ValueError as error:
+            raise InputError(
+                f"{source}: projection {entries['projection']!r} must be 'orthographic' or 'perspective'."
+            ) from error
+        try:
+            return cls(**(dict(entries) | {"projection": projection}))
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+
+    @classmethod
+    def load(cls, path: str | Path) -> Camera:
+        """Camera from a JSON file, see `from_dict`."""
+        try:
+            entries = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"cannot read camera file {path}: {error.strerror}.") from error
+        except ValueError as error:
+            raise InputError(f"camera file {path} is not JSON: {error}.") from error
+        return cls.from_dict(entries, source=str(path))
+
+
+def _orbit_frame(azimuth: float, elevation: float) -> tuple[F64, F64]:
+    """Unit vectors from the centre to the eye and up in the picture, radians."""
+    sin_a, cos_a = math.sin(azimuth), math.cos(azimuth)
+    sin_e, cos_e = math.sin(elevation), math.cos(elevation)
+    return np.array([sin_a * cos_e, sin_e, cos_a * cos_e]), np.array([-sin_a * sin_e, cos_e, -cos_a * sin_e])
+
+
+def _vector(values: object, what: str) -> Vector:
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise InputError(f"{what} {values!r} must be three finite numbers (x, y, z).")
+    return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
+
+
+def _check_size(
+    size: object, name: str, limit: float, other: object, other_name: str, projection: str
+) -> None:
+    """Raise unless `size` is a number in (0, limit) and the other projection's size is absent."""
+    if other is not None:
+        raise InputError(
+            f"{other_name} {other!r} does not belong to the {projection} projection; give {name}."
+        )
+    if not isinstance(size, (int, float)) or not 0 < size < limit:
+        raise InputError(
+            f"{name} {size!r} must be a number between 0 and {limit} for the {projection} projection."
+        )

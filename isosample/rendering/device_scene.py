@@ -1,0 +1,127 @@
+"""A scene on the GPU: meshes, bands, impulses and boundary, uploaded once and drawn by every pass."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CapacityError
+from isosample.gl.context import drawing_into, limits
+from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.programs import storage_bindings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import moderngl
+
+    from isosample.rendering.scene import Scene
+    from isosample.rendering.tiles import Tile
+
+
+class DeviceScene:
+    """Buffers of one scene.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    scene : Scene
+
+    Raises
+    ------
+    CapacityError
+        If the scene has more levels or larger tables than the device takes.
+    """
+
+    def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
+        _check_tables(scene, limits(ctx).storage_block_bytes, ctx.info["GL_RENDERER"])
+        self._ctx = ctx
+        self._levels = scene.levels
+        self._vertices = ctx.buffer(_at_least_one(scene.vertices))
+        self._indices = ctx.buffer(_at_least_one(scene.indices))
+        self._tables = {
+            "Bands": ctx.buffer(_band_table(scene)),
+            "Impulses": ctx.buffer(_at_least_one(scene.impulses)),
+            "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
+        }
+        self._vertex_arrays: dict[int, moderngl.VertexArray] = {}
+
+    def bind(self) -> None:
+        """Bind the tables that the resolve pass reads."""
+        for name, buffer in self._tables.items():
+            buffer.bind_to_storage_buffer(storage_bindings()[name])
+
+    def draw(
+        self, program: moderngl.Program, target: moderngl.Framebuffer, tile: Tile, sides: Sequence[float]
+    ) -> None:
+        """Rasterise every level within a tile of a framebuffer.
+
+        Parameters
+        ----------
+        program : moderngl.Program
+            With ``build.vert``; must stay alive as long as this object.
+        target : moderngl.Framebuffer
+            Without attachments: with a colour attachment llvmpipe loses fragments in silence.
+        tile : Tile
+        sides : sequence of float
+            +1 for what is in front of the eye, −1 for what is behind it.
+        """
+        if not self._levels:
+            return
+        vertex_array = self._vertex_array(program)
+        target.scissor = (tile.x, tile.y, tile.width, tile.height)
+        with drawing_into(self._ctx, target):
+            for side in sides:
+                program["side"] = side
+                for levels in self._levels:
+                    if "level" in program:
+                        program["level"] = levels.level
+                    vertex_array.render(vertices=levels.index_count, first=levels.first_index)
+
+    def release(self) -> None:
+        """Free every buffer."""
+        for vertex_array in self._vertex_arrays.values():
+            vertex_array.release()
+        for buffer in (self._vertices, self._indices, *self._tables.values()):
+            buffer.release()
+        self._vertex_arrays, self._tables = {}, {}
+
+    def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        key = id(program)
+        if key not in self._vertex_arrays:
+            layout = ("3f 3f", "position", "gradient") if "gradient" in program else ("3f 3x4", "position")
+            self._vertex_arrays[key] = self._ctx.vertex_array(
+                program, [(self._vertices, *layout)], index_buffer=self._indices
+            )
+        return self._vertex_arrays[key]
+
+
+def _check_tables(scene: Scene, block_bytes: int, renderer: str) -> None:
+    level_limit = shared_constants()["MAX_LEVELS"] - 1
+    if len(scene.impulses) > level_limit:
+        raise CapacityError(
+            f"{len(scene.impulses)} isovalues are more than {level_limit}; use fewer per slope."
+        )
+    if scene.boundary.nbytes > block_bytes:
+        raise CapacityError(
+            f"the volume's faces take {scene.boundary.nbytes} bytes; storage blocks of {renderer} hold "
+            f"{block_bytes}. Crop the volume or use another driver."
+        )
+
+
+def _band_table(scene: Scene) -> npt.NDArray[np.void]:
+    """(K + 1,) Band for upload."""
+    table = np.zeros(len(scene.band_values), dtype=storage_dtype("Band"))
+    table["low"], table["high"] = scene.band_optics[:, 0], scene.band_optics[:, 1]
+    table["value_low"], table["value_high"] = scene.band_values[:, 0], scene.band_values[:, 1]
+    table["extinction_max"] = scene.band_optics[:, :, 3].max(axis=1)
+    width = scene.band_values[:, 1] - scene.band_values[:, 0]
+    table["inverse_width"] = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0)
+    return table
+
+
+def _at_least_one(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The array, or one zero element in place of an empty one: OpenGL has no empty buffers."""
+    return array if array.size else np.zeros(1, dtype=array.dtype)

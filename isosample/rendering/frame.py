@@ -1,0 +1,108 @@
+"""The uniform block of one frame: camera, box and settings, as the shaders read them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import ShaderError
+from isosample.gl.layouts import Packing, constants, struct_dtypes
+from isosample.gl.shader_source import shader_root
+from isosample.rendering.settings import MAX_CLIP_PLANES
+
+if TYPE_CHECKING:
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.scene import Scene
+    from isosample.rendering.settings import RenderSettings
+    from isosample.rendering.tiles import Tile
+
+LAYOUTS = "lib/layouts.glsl"
+
+
+@cache
+def shared_constants() -> dict[str, int]:
+    """Bindings and limits of ``shaders/lib/layouts.glsl`` by name.
+
+    Raises
+    ------
+    ShaderError
+        If the shaders allow another number of clip planes than the settings.
+    """
+    found = {name: int(value) for name, value in constants(_layouts_text()).items()}
+    if found["MAX_CLIP_PLANES"] != MAX_CLIP_PLANES:
+        raise ShaderError(
+            f"{LAYOUTS} allows {found['MAX_CLIP_PLANES']} clip planes, the settings {MAX_CLIP_PLANES}."
+        )
+    return found
+
+
+@cache
+def storage_dtype(name: str) -> np.dtype[np.void]:
+    """Layout of a struct of ``shaders/lib/layouts.glsl`` in a storage buffer."""
+    return struct_dtypes(_layouts_text(), Packing.STD430)[name]
+
+
+@cache
+def frame_dtype() -> np.dtype[np.void]:
+    """Layout of the struct Frame in a uniform block."""
+    return struct_dtypes(_layouts_text(), Packing.STD140)["Frame"]
+
+
+def frame_block(
+    scene: Scene, camera: Camera, size: tuple[int, int], settings: RenderSettings
+) -> npt.NDArray[np.void]:
+    """(1,) Frame for a picture of (width, height) pixels; the tile is filled in by `set_tile`."""
+    block = np.zeros(1, dtype=frame_dtype())
+    frame = block[0]
+    width, height = size
+    box = scene.geometry.box
+    rays = camera.rays(width / height)
+    for name, vector in (
+        ("forward", rays.forward),
+        ("span_right", rays.span_right),
+        ("span_up", rays.span_up),
+    ):
+        frame[name] = vector
+    frame["eye"] = rays.eye - box.centre
+    frame["perspective"] = float(rays.perspective)
+    # Clip x = dot(p - eye, right) / half width, with right / half width = span / |span|².
+    frame["inverse_span_right"] = 1.0 / float(rays.span_right @ rays.span_right)
+    frame["inverse_span_up"] = 1.0 / float(rays.span_up @ rays.span_up)
+    frame["box_radius"] = box.radius
+    unit_from_local = np.linalg.inv(box.edges.T)
+    for name, row in zip(("unit_row_x", "unit_row_y", "unit_row_z"), unit_from_local, strict=True):
+        frame[name] = (*row, 0.5)
+    _set_look(frame, settings, box.centre)
+    frame["image_size"] = (width, height)
+    frame["samples_xy"] = scene.geometry.size_xyz[:2]
+    frame["samples_z"] = scene.geometry.size_xyz[2]
+    frame["level_count"] = len(scene.impulses)
+    frame["box_faces"] = 1
+    frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
+    return block
+
+
+def _set_look(frame: np.void, settings: RenderSettings, centre: npt.NDArray[np.float64]) -> None:
+    frame["background"] = settings.background_premultiplied
+    if settings.material is not None:
+        material = settings.material
+        frame["material"] = (material.ambient, material.diffuse, material.specular, material.shininess)
+    frame["clip_plane_count"] = len(settings.clip_planes)
+    for i, plane in enumerate(settings.clip_planes):
+        frame["clip_planes"][i] = plane.about(centre)
+    frame["min_transmittance"] = settings.min_transmittance
+
+
+def set_tile(block: npt.NDArray[np.void], tile: Tile, node_capacity: int) -> None:
+    """Fill in the tile that the next passes render and the number of nodes that fit the pool."""
+    frame = block[0]
+    frame["tile_origin"] = (tile.x, tile.y)
+    frame["tile_size"] = (tile.width, tile.height)
+    frame["node_capacity"] = node_capacity
+
+
+def _layouts_text() -> str:
+    return (shader_root() / LAYOUTS).read_text(encoding="utf-8")

@@ -1,0 +1,172 @@
+"""The main job in one call: volume and transfer function in, picture out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from isosample.gl.context import shared_context
+from isosample.rendering.abuffer import ABuffer
+from isosample.rendering.camera import Camera
+from isosample.rendering.image import Image
+from isosample.rendering.scene import Scene
+from isosample.rendering.settings import RenderSettings, check_size
+from isosample.surfaces.extract import extract_surfaces
+from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import moderngl
+
+    from isosample.rendering.abuffer import FrameStatistics
+    from isosample.surfaces.extract import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.volume.grid import Volume
+
+    Progress = Callable[[str, int, int], None]
+
+DEFAULT_SIZE = (800, 800)
+DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
+
+
+def render(
+    volume: Volume,
+    transfer_function: TransferFunction | None = None,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = DEFAULT_SIZE,
+    per_slope: int = DEFAULT_PER_SLOPE,
+    settings: RenderSettings | None = None,
+    nan_masked: bool = False,
+    progress: Progress | None = None,
+) -> Image:
+    """Render a volume through its isosurfaces.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction, optional
+        `TransferFunction.suggest(volume)` by default.
+    camera : Camera, optional
+        `Camera.orbit(volume.box)` by default.
+    size : (width, height)
+        Pixels.
+    per_slope : int
+        Isovalues inside each visible slope of the transfer function.
+    settings : RenderSettings, optional
+        Segment rule, shading, background, clip planes.
+    nan_masked : bool
+        Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
+    progress : callable, optional
+        Called with the stage ("extract", "render"), steps done and steps in all.
+
+    Returns
+    -------
+    image : Image
+        Premultiplied linear RGBA, float32, with statistics.
+
+    Raises
+    ------
+    InputError
+        If the volume cannot be rendered as asked (thin, constant, not finite) or an option is out of range.
+    OpenGLError
+        If there is no usable OpenGL.
+    """
+    check_size(size)
+    shared_context()  # a missing driver is told before the long work
+    if transfer_function is None:
+        transfer_function = TransferFunction.suggest(volume)
+    plan = plan_isovalues(transfer_function, volume.value_range, per_slope=per_slope)
+    start = time.perf_counter()
+    surfaces = extract_surfaces(
+        volume, plan.isovalues, nan_masked=nan_masked, progress=_stage_progress(progress, "extract")
+    )
+    seconds = {"extract": time.perf_counter() - start}
+    return render_surfaces(
+        surfaces, plan, camera=camera, size=size, settings=settings, progress=progress, seconds=seconds
+    )
+
+
+def render_surfaces(
+    surfaces: SurfaceSet,
+    plan: IsovaluePlan,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = DEFAULT_SIZE,
+    settings: RenderSettings | None = None,
+    progress: Progress | None = None,
+    seconds: dict[str, float] | None = None,
+) -> Image:
+    """Render surfaces that were extracted before; no volume is needed.
+
+    Parameters
+    ----------
+    surfaces : SurfaceSet
+        From `extract_surfaces` or a cache folder.
+    plan : IsovaluePlan
+        Its isovalues must be among those of the surfaces.
+    camera, size, settings, progress
+        As for `render`.
+    seconds : dict of str to float, optional
+        Seconds of earlier stages, for the statistics.
+
+    Raises
+    ------
+    InputError
+        As `Scene.build` and `ABuffer.render`.
+    OpenGLError
+        If there is no usable OpenGL.
+    """
+    width, height = check_size(size)
+    camera = camera or Camera.orbit(surfaces.geometry.box, aspect=width / height)
+    settings = settings or RenderSettings()
+    start = time.perf_counter()
+    scene = Scene.build(surfaces, plan)
+    seconds = dict(seconds or {}) | {"merge": time.perf_counter() - start}
+    ctx = shared_context()
+    with ABuffer(ctx, scene) as abuffer:
+        rgba, frame = abuffer.render(camera, (width, height), settings, _stage_progress(progress, "render"))
+        seconds |= abuffer.timer.seconds
+    return Image(rgba, statistics_of(ctx, surfaces, scene, frame, (width, height), seconds))
+
+
+def statistics_of(
+    ctx: moderngl.Context,
+    surfaces: SurfaceSet,
+    scene: Scene,
+    frame: FrameStatistics,
+    size: tuple[int, int],
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """What a picture cost and what was skipped, JSON-ready; see README, "Statistics"."""
+    counts = asdict(frame)
+    extraction = surfaces.statistics
+    pixels = size[0] * size[1]
+    return {
+        "renderer": ctx.info["GL_RENDERER"],
+        "method": "data-centric",
+        "size": list(size),
+        "seconds": {stage: round(time, 6) for stage, time in seconds.items()},
+        "isovalues": scene.plan.isovalues.tolist(),
+        "triangles": {"extracted": sum(extraction.triangles), "drawn": scene.triangle_count},
+        "fragments": counts.pop("fragments"),
+        "max_depth_complexity": counts.pop("max_depth_complexity"),
+        "lost_fragments": counts.pop("lost_fragments"),
+        "samples_per_ray": {"mean": frame.fragments / pixels, "max": frame.max_depth_complexity},
+        "skipped": {
+            "brick_visits": extraction.brick_visits_skipped,
+            "brick_visits_of": extraction.brick_visits + extraction.brick_visits_skipped,
+            "rays_ended_early": counts.pop("terminated_rays"),
+            **{f"plan: {reason}": count for reason, count in scene.plan.skipped.items()},
+        },
+        **counts,
+    }
+
+
+def _stage_progress(progress: Progress | None, stage: str) -> Callable[[int, int], None] | None:
+    if progress is None:
+        return None
+    return lambda done, total: progress(stage, done, total)

@@ -1,0 +1,180 @@
+"""The scene as the GPU takes it: surfaces, boundary and transfer function in normalised float32 arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CapacityError, InputError
+
+if TYPE_CHECKING:
+    from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.mesh import BrickMesh
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.volume.grid import GridGeometry
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+U32 = npt.NDArray[np.uint32]
+
+VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
+
+
+@dataclass(frozen=True, slots=True)
+class ValueScale:
+    """Maps data values to the unit interval of the volume's range, in float64.
+
+    The shaders see only normalised values, so an offset of the data (temperatures in kelvin, pressures in
+    pascal) costs no float32 accuracy. A constant volume maps to 0.
+    """
+
+    low: float
+    high: float
+
+    @property
+    def inverse_width(self) -> float:
+        """1 / (high − low), or 1 for a constant volume."""
+        return 1.0 / (self.high - self.low) if self.high > self.low else 1.0
+
+    def normalise(self, values: npt.NDArray[np.generic]) -> F64:
+        """Values (any shape) in data units, as float64 in units of the range."""
+        scaled: F64 = (values.astype(np.float64) - self.low) * self.inverse_width
+        return scaled
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LevelRange:
+    """Where one level's triangles stand in the index buffer."""
+
+    level: int
+    first_index: int
+    index_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Surfaces, boundary and transfer function of one volume, ready for upload.
+
+    Attributes
+    ----------
+    geometry : GridGeometry
+    vertices : (V,) `VERTEX_DTYPE`
+        Position: world minus the box's centre [world]. Gradient: of the normalised value per world unit,
+        times the radius of the box's bounding sphere (dimensionless, so that it fits a half float).
+    indices : (3T,) uint32
+    levels : tuple of LevelRange
+        Only levels that have triangles, ascending.
+    boundary : (B,) float32
+        Normalised samples of the six faces, x low, x high, y low, …; the lower of a face's two axes runs
+        fastest.
+    band_values : (K + 1, 2) float32, band_optics : (K + 1, 2, 4) float32
+        Ends of every band (normalised) and the colour and extinction there (straight linear RGB, [1/world]).
+    impulses : (K, 4) float32
+        Straight linear RGB and opacity per level; opacity 0 for none.
+    plan : IsovaluePlan
+    """
+
+    geometry: GridGeometry
+    vertices: npt.NDArray[np.void]
+    indices: U32
+    levels: tuple[LevelRange, ...]
+    boundary: F32
+    band_values: F32
+    band_optics: F32
+    impulses: F32
+    plan: IsovaluePlan
+
+    @property
+    def triangle_count(self) -> int:
+        """Triangles over all levels."""
+        return len(self.indices) // 3
+
+    @classmethod
+    def build(cls, surfaces: SurfaceSet, plan: IsovaluePlan) -> Scene:
+        """Scene of extracted surfaces and the plan they were extracted for.
+
+        Raises
+        ------
+        InputError
+            If the surfaces lack an isovalue of the plan, or a sample on the volume's faces is not finite.
+        CapacityError
+            If there are more vertices than 32-bit indices can name.
+        """
+        rows = _rows_of_plan(surfaces, plan)
+        scale = ValueScale(*surfaces.value_range)
+        by_isovalue: dict[float, list[BrickMesh]] = {}
+        for mesh in surfaces.meshes:
+            by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
+        chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
+        vertices, indices, levels = _merge(chosen, surfaces.geometry, scale)
+        faces = [np.ravel(face) for face in surfaces.boundary.faces]
+        boundary = scale.normalise(np.concatenate(faces)).astype(np.float32)
+        optics = np.concatenate([plan.band_color, plan.band_extinction[..., None]], axis=-1)
+        return cls(
+            geometry=surfaces.geometry,
+            vertices=vertices,
+            indices=indices,
+            levels=levels,
+            boundary=boundary,
+            band_values=_band_values(plan, scale),
+            band_optics=optics.astype(np.float32),
+            impulses=np.concatenate([plan.impulse_color, plan.impulse_opacity[:, None]], axis=-1).astype(
+                np.float32
+            ),
+            plan=plan,
+        )
+
+
+def _rows_of_plan(surfaces: SurfaceSet, plan: IsovaluePlan) -> npt.NDArray[np.intp]:
+    """Level of the surfaces for every isovalue of the plan; raise if one is missing."""
+    rows = np.searchsorted(surfaces.isovalues, plan.isovalues)
+    inside = np.minimum(rows, max(len(surfaces.isovalues) - 1, 0))
+    found = (
+        surfaces.isovalues[inside] == plan.isovalues if len(surfaces.isovalues) else np.zeros(len(rows), bool)
+    )
+    if not np.all(found):
+        missing = plan.isovalues[~found]
+        raise InputError(
+            f"the surfaces lack {len(missing)} isovalue(s) that the transfer function needs, the first "
+            f"{float(missing[0])!r}; extract them, or render with the transfer function they belong to."
+        )
+    return rows
+
+
+def _band_values(plan: IsovaluePlan, scale: ValueScale) -> F32:
+    """Normalised ends of the bands; neighbours share the float32 of the isovalue between them."""
+    levels = scale.normalise(plan.isovalues).astype(np.float32)
+    low, high = scale.normalise(np.asarray(plan.value_range)).astype(np.float32)
+    return np.stack([np.concatenate([[low], levels]), np.concatenate([levels, [high]])], axis=-1)
+
+
+def _merge(
+    by_level: list[list[BrickMesh]], geometry: GridGeometry, scale: ValueScale
+) -> tuple[npt.NDArray[np.void], U32, tuple[LevelRange, ...]]:
+    """One vertex and one index array of all levels, and where each level stands in the latter."""
+    vertex_count = sum(len(mesh.positions) for meshes in by_level for mesh in meshes)
+    index_count = sum(mesh.triangles.size for meshes in by_level for mesh in meshes)
+    if vertex_count >= 2**32 or index_count >= 2**31:
+        raise CapacityError(
+            f"{vertex_count} vertices and {index_count // 3} triangles are more than one draw can name; "
+            "use fewer isovalues (--per-slope)."
+        )
+    vertices = np.empty(vertex_count, dtype=VERTEX_DTYPE)
+    indices = np.empty(index_count, dtype=np.uint32)
+    gradient_scale = scale.inverse_width * geometry.box.radius
+    levels = []
+    v = i = 0
+    for level, meshes in enumerate(by_level):
+        first = i
+        for mesh in meshes:
+            stop_v, stop_i = v + len(mesh.positions), i + mesh.triangles.size
+            vertices["position"][v:stop_v] = mesh.vertices_world(geometry) - geometry.box.centre
+            vertices["gradient"][v:stop_v] = mesh.gradients_world(geometry) * gradient_scale
+            indices[i:stop_i] = mesh.triangles.ravel().astype(np.uint32) + np.uint32(v)
+            v, i = stop_v, stop_i
+        if i > first:
+            levels.append(LevelRange(level=level, first_index=first, index_count=i - first))
+    return vertices, indices, tuple(levels)

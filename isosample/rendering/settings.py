@@ -1,0 +1,150 @@
+"""What a picture is asked to look like, besides the scene and the camera."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+DEFAULT_FRAGMENT_BUDGET_BYTES = 512 << 20
+DEFAULT_MIN_TRANSMITTANCE = (
+    2.0**-20
+)  # what is left behind changes a pixel by less than 1e-6 of the brightest colour
+MAX_CLIP_PLANES = 8  # shaders/lib/layouts.glsl has the same; the frame checks that they agree
+
+
+class SegmentRule(enum.Enum):
+    """How the data runs between two neighbouring crossings of a ray.
+
+    `CONSTANT` holds the front crossing's value with opacity 1 − exp(−τ h); `CONSTANT_FIRST_ORDER` is the
+    same with opacity τ h, which is eq. 3 of Lindholm et al. as written; `LINEAR` interpolates between the
+    two crossings.
+    """
+
+    CONSTANT = "constant"
+    CONSTANT_FIRST_ORDER = "constant-first-order"
+    LINEAR = "linear"
+
+
+class ResolveStage(enum.Enum):
+    """Shader stage of the resolve pass; AUTO takes FRAGMENT on software renderers and COMPUTE on GPUs."""
+
+    AUTO = "auto"
+    FRAGMENT = "fragment"
+    COMPUTE = "compute"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Material:
+    """Blinn–Phong coefficients for a white light at the eye; all unitless and >= 0."""
+
+    ambient: float = 0.35
+    diffuse: float = 0.65
+    specular: float = 0.2
+    shininess: float = 32.0
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular", "shininess"):
+            number = getattr(self, name)
+            if not (math.isfinite(number) and number >= 0):
+                raise InputError(f"material {name} {number!r} must be a finite number >= 0.")
+
+
+@dataclass(frozen=True, slots=True)
+class ClipPlane:
+    """A plane nx·x + ny·y + nz·z + d = 0 in world space; the side where that is >= 0 is kept."""
+
+    nx: float
+    ny: float
+    nz: float
+    d: float
+
+    def __post_init__(self) -> None:
+        numbers = (self.nx, self.ny, self.nz, self.d)
+        if not all(math.isfinite(number) for number in numbers) or not any(numbers[:3]):
+            raise InputError(f"clip plane {numbers} needs four finite numbers and a normal that is not zero.")
+
+    def about(
+        self, centre: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    ) -> tuple[float, float, float, float]:
+        """The plane with a unit normal, for positions relative to `centre`: (nx, ny, nz, d)."""
+        normal = np.array([self.nx, self.ny, self.nz])
+        length = float(np.linalg.norm(normal))
+        unit = normal / length
+        return (float(unit[0]), float(unit[1]), float(unit[2]), float(self.d / length + unit @ centre))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RenderSettings:
+    """Settings of one picture.
+
+    Attributes
+    ----------
+    segment : SegmentRule
+    material : Material or None
+        None: colours as they are; else lit.
+    background : 4 floats
+        Straight linear RGBA behind the volume, each in [0, 1]; transparent by default.
+    clip_planes : tuple of ClipPlane
+        At most 8; what lies on the kept side of all of them is shown.
+    stage : ResolveStage
+    fragment_budget_bytes : int
+        Memory for the fragment lists; larger pictures are rendered in tiles. At least one pixel's list must
+        fit.
+    min_transmittance : float
+        A ray ends where less than this share of the light behind would come through; 0 never.
+    sort_capacity : int
+        Lists up to this length are sorted in a local array, longer ones on their links.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+
+    segment: SegmentRule = SegmentRule.LINEAR
+    material: Material | None = None
+    background: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    clip_planes: tuple[ClipPlane, ...] = ()
+    stage: ResolveStage = ResolveStage.AUTO
+    fragment_budget_bytes: int = DEFAULT_FRAGMENT_BUDGET_BYTES
+    min_transmittance: float = DEFAULT_MIN_TRANSMITTANCE
+    sort_capacity: int = 64
+
+    def __post_init__(self) -> None:
+        if len(self.background) != 4 or not all(0.0 <= part <= 1.0 for part in self.background):
+            raise InputError(f"background {self.background} must be R, G, B, A, each between 0 and 1.")
+        if len(self.clip_planes) > MAX_CLIP_PLANES:
+            raise InputError(
+                f"{len(self.clip_planes)} clip planes are given; at most {MAX_CLIP_PLANES} are possible."
+            )
+        if not 0.0 <= self.min_transmittance < 1.0:
+            raise InputError(f"min_transmittance {self.min_transmittance} must be at least 0 and below 1.")
+        if self.fragment_budget_bytes < 1 << 16:
+            raise InputError(
+                f"a fragment budget of {self.fragment_budget_bytes} bytes is too small; give 64 KiB or more."
+            )
+        if not 1 <= self.sort_capacity <= 256:
+            raise InputError(f"sort_capacity {self.sort_capacity} must be between 1 and 256.")
+
+    @property
+    def background_premultiplied(self) -> tuple[float, float, float, float]:
+        """The background as the picture stores it."""
+        red, green, blue, alpha = self.background
+        return (red * alpha, green * alpha, blue * alpha, alpha)
+
+
+def check_size(size: Sequence[int]) -> tuple[int, int]:
+    """Return (width, height) if both are whole numbers >= 1, else raise `InputError`."""
+    whole = [int(n) for n in size if isinstance(n, (int, np.integer)) and n >= 1]
+    if len(size) != 2 or len(whole) != 2:
+        raise InputError(f"picture size {size!r} must be two whole numbers >= 1 (width, height).")
+    return (whole[0], whole[1])

@@ -1,0 +1,76 @@
+// Every struct, constant and binding that shaders and host share. Parsed by isosample/gl/layouts.py: plain GLSL,
+// one declaration per line, no preprocessor.
+//
+// Spaces: "local" is world minus the centre of the volume's box (world units, small numbers in float32);
+// "unit" is the box's own frame, [0, 1] along each edge. Values are normalised: (v - low) / (high - low) of the
+// volume's range, so that a large offset in the data costs no accuracy.
+
+const int BINDING_FRAME = 0;             // uniform block
+const int BINDING_HEADS = 0;             // storage: one list head per pixel of the tile
+const int BINDING_NODES = 1;             // storage: the fragment pool
+const int BINDING_COUNTERS = 2;          // storage: struct Counters
+const int BINDING_BANDS = 3;             // storage: struct Band, one more than there are levels
+const int BINDING_IMPULSES = 4;          // storage: one vec4 per level, straight linear RGB and opacity
+const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised samples
+const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
+
+const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
+const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
+const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
+const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
+const uint DOMAIN_LEVEL = 0x7FFFu;       // Node.surface level of a fragment on the border of the valid cells
+const int MAX_CLIP_PLANES = 8;
+const uint LINK_SORT_LIMIT = 1024u;      // longer lists are sorted by merge_lists.comp, one call per pass: llvmpipe ends
+                                         // every loop of a shader call after 65535 iterations in all, in silence
+
+// One crossing of a ray with an isosurface: 16 bytes.
+struct Node {
+    uint next_index;                     // next node of this pixel's list, or LIST_END
+    float distance;                      // along the unit ray direction, from the ray's origin [world]
+    uint surface;                        // level, rising bit, and |df/dt| times the box radius as a half float (high 16 bits)
+    uint normal;                         // octahedral unit normal, 2 x 16 bits; on DOMAIN_LEVEL the value's float bits
+};
+
+struct Counters {
+    uint node_count;                     // nodes asked for by the build pass
+    uint walked_count;                   // nodes found in the lists by the resolve pass
+    uint max_depth_complexity;           // longest list
+    uint band_violations;                // fragments whose level or direction does not continue the walk
+    uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
+    uint terminated_rays;                // rays cut short behind an opaque front
+};
+
+// The TF inside one band; linear in the value between the two ends (one-sided limits).
+struct Band {
+    vec4 low;                            // straight linear RGB and extinction [1/world] at the lower end
+    vec4 high;                           // the same at the upper end
+    float value_low;                     // normalised
+    float value_high;                    // normalised
+    float extinction_max;                // larger of the two ends [1/world]; 0: nothing to see in this band
+    float inverse_width;                 // 1 / (value_high - value_low), or 0 for an empty band
+};
+
+// Camera, box and settings of one frame (std140).
+struct Frame {
+    vec3 eye;            float perspective;        // local [world]; 1 perspective, 0 orthographic
+    vec3 forward;        float box_radius;         // unit view direction; bounding sphere of the box [world]
+    vec3 span_right;     float inverse_span_right; // half-extent of the image at distance 1 (perspective) or of the window
+    vec3 span_up;        float inverse_span_up;    // the same upwards; the inverses divide by the squared length once more
+    vec4 unit_row_x;     // unit = (dot(row.xyz, local) + row.w)
+    vec4 unit_row_y;
+    vec4 unit_row_z;
+    vec4 background;     // premultiplied linear RGBA
+    vec4 material;       // ambient, diffuse, specular, shininess
+    vec4 clip_planes[MAX_CLIP_PLANES];   // keep where dot(plane.xyz, local) + plane.w >= 0
+    ivec2 image_size;    // pixels
+    ivec2 tile_origin;   // first pixel of the tile, x to the right and y up
+    ivec2 tile_size;
+    int clip_plane_count;
+    uint node_capacity;
+    ivec2 samples_xy;    // samples of the volume along x and y
+    int samples_z;
+    int level_count;
+    float min_transmittance; // a ray stops below this
+    uint sorted_length;      // lists longer than this are sorted already
+    int box_faces;           // 1: rays enter and leave through the box; 0: through domain fragments in the lists
+};

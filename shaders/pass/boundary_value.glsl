@@ -1,0 +1,43 @@
+// The field's value where a ray meets the box: bilinear on the stored face, which is the trilinear field there.
+// Expects `frame`, `bands`, `boundary` and `ray_direction` of the resolve pass.
+
+vec3 unit_from_local(vec3 local, float w) {
+    return vec3(dot(frame.unit_row_x.xyz, local) + w * frame.unit_row_x.w,
+                dot(frame.unit_row_y.xyz, local) + w * frame.unit_row_y.w,
+                dot(frame.unit_row_z.xyz, local) + w * frame.unit_row_z.w);
+}
+
+vec2 box_of_ray(vec3 origin) {
+    return box_interval(unit_from_local(origin, 1.0), unit_from_local(ray_direction, 0.0));
+}
+
+// Normalised value on the face where the ray is at `distance`. Faces are stored as x low, x high, y low, ...; a face of
+// axis a is indexed by the other two axes, the lower one fastest.
+float face_value(vec3 origin, float distance) {
+    vec3 unit = clamp(unit_from_local(origin + distance * ray_direction, 1.0), 0.0, 1.0);
+    ivec3 samples = ivec3(frame.samples_xy, frame.samples_z);
+    int face = nearest_face(unit);
+    int axis = face / 2;
+    ivec3 face_sizes = ivec3(samples.y * samples.z, samples.x * samples.z, samples.x * samples.y);
+    int offset = (axis > 0 ? 2 * face_sizes.x : 0) + (axis > 1 ? 2 * face_sizes.y : 0) + (face % 2) * face_sizes[axis];
+    int axis_u = axis == 0 ? 1 : 0;
+    int axis_v = axis == 2 ? 1 : 2;
+    vec2 position = vec2(unit[axis_u], unit[axis_v]) * vec2(samples[axis_u] - 1, samples[axis_v] - 1);
+    ivec2 cell = min(ivec2(position), ivec2(samples[axis_u], samples[axis_v]) - 2);
+    vec2 part = position - vec2(cell);
+    int corner = offset + cell.y * samples[axis_u] + cell.x;
+    int above = corner + samples[axis_u];
+    return bilinear(vec4(boundary[corner], boundary[corner + 1], boundary[above], boundary[above + 1]), part.x, part.y);
+}
+
+// Band that holds a normalised value: as many levels lie at or below it.
+int band_of(float value) {
+    int low = 0;
+    int high = frame.level_count;
+    while (low < high) {
+        int middle = (low + high) / 2;
+        if (bands[middle].value_high <= value) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
