@@ -190,7 +190,7 @@ def _samples(
     channel = choose(path.name, "channel", reader.GetNumberOfComponents(), options.channel)
     is_plain = len(size) == 3 and reader.GetNumberOfComponents() == 1
     if layout is not None and is_plain and reader.GetPixelID() == getattr(sitk, PIXELS[layout.dtype.str[1:]]):
-        if layout.gzipped:
+        if layout.is_deflated:
             return inflate_samples(layout.path, layout.dtype, size, layout.offset, layout.start)
         return map_samples(layout.path, layout.dtype, size, layout.offset)
     if len(size) == 4:

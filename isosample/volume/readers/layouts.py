@@ -65,18 +65,19 @@ class Layout:
     path : Path
         The file that holds them.
     offset : int
-        Bytes before the first sample (of the inflated stream where `gzipped`).
+        Bytes before the first sample (of the inflated stream where `is_deflated`).
     dtype : numpy dtype
         With its byte order.
-    gzipped : bool
+    is_deflated : bool
+        Whether they are in a gzip or zlib stream.
     start : int
-        Byte of the file at which the gzip stream begins.
+        Byte of the file at which that stream begins.
     """
 
     path: Path
     offset: int
     dtype: np.dtype[np.generic]
-    gzipped: bool = False
+    is_deflated: bool = False
     start: int = 0
 
 
@@ -128,11 +129,11 @@ def nrrd_layout(path: Path) -> Layout | None:
     begin = length if named is None else 0
     if encoding == "raw":
         return Layout(data, begin, np.dtype(order + code))
-    return Layout(data, 0, np.dtype(order + code), gzipped=True, start=begin)
+    return Layout(data, 0, np.dtype(order + code), is_deflated=True, start=begin)
 
 
 def meta_layout(path: Path) -> Layout | None:
-    """Return the layout of an uncompressed MetaImage file, or None where only the library can read it.
+    """Return the layout of a binary MetaImage file, or None where only the library can read it.
 
     Raises
     ------
@@ -152,14 +153,16 @@ def meta_layout(path: Path) -> Layout | None:
     is_plain = (
         code is not None
         and fields.get("binarydata", "true").lower() == "true"
-        and fields.get("compresseddata", "false").lower() == "false"
         and fields.get("headersize", "0") == "0"
         and "elementtointensityfunctionslope" not in fields
     )
     if not is_plain:
         return None
     big = fields.get("elementbyteordermsb", fields.get("binarydatabyteordermsb", "false")).lower() == "true"
-    return Layout(data, length if is_local else 0, np.dtype((">" if big else "<") + str(code)))
+    begin, dtype = length if is_local else 0, np.dtype((">" if big else "<") + str(code))
+    if fields.get("compresseddata", "false").lower() == "true":  # the library ignores the checksum
+        return Layout(data, 0, dtype, is_deflated=True, start=begin)
+    return Layout(data, begin, dtype)
 
 
 def nifti_layout(path: Path, header: NiftiHeader) -> Layout | None:
@@ -167,7 +170,7 @@ def nifti_layout(path: Path, header: NiftiHeader) -> Layout | None:
     code = NIFTI_CODES.get(header.code)
     if code is None or header.is_scaled or not header.single_file:
         return None
-    return Layout(path, header.offset, np.dtype(header.order + code), gzipped=is_gzip(path))
+    return Layout(path, header.offset, np.dtype(header.order + code), is_deflated=is_gzip(path))
 
 
 def nifti_header(path: Path) -> NiftiHeader:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gzip
+import io
 import math
 import sys
 import zlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -143,7 +144,7 @@ def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offse
 def inflate_samples(
     path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0, start: int = 0
 ) -> SampleArray:
-    """Read samples from a gzip stream, to its end, so that its checksum is verified.
+    """Read samples from a gzip or zlib stream, to its end, so that its checksum is verified.
 
     Parameters and errors are those of `map_samples`, with `offset` counted in inflated bytes; the stream
     begins at byte `start` of the file. A damaged stream also raises.
@@ -187,20 +188,33 @@ def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> s
     return f"{x} × {y} × {z} samples of {dtype.name} ({dtype.itemsize} bytes each){header} need {total}"
 
 
+def _inflating(file: BinaryIO, start: int, most: int) -> IO[bytes]:
+    """Open the gzip stream at byte `start`, or inflate at most `most` bytes of the zlib stream there."""
+    file.seek(start)
+    is_gzipped = file.read(2) == b"\x1f\x8b"
+    file.seek(start)
+    if is_gzipped:
+        return cast("IO[bytes]", gzip.GzipFile(fileobj=file))
+    inflater = zlib.decompressobj()
+    content = inflater.decompress(file.read(), most)
+    if not inflater.eof and len(content) < most:
+        raise EOFError("the stream ends early")
+    return io.BytesIO(content)
+
+
 def _inflate(path: Path, offset: int, target: memoryview, start: int = 0) -> int:
     """Fill `target` with the inflated bytes from `offset` on; return how many the whole stream holds."""
     length = filled = 0
     try:
-        with path.open("rb") as file, gzip.GzipFile(fileobj=file) as stream:
-            file.seek(start)
+        with path.open("rb") as file, _inflating(file, start, offset + len(target) + 1) as stream:
             length = len(stream.read(offset))
-            while filled < len(target) and (count := stream.readinto(target[filled:])):
+            while filled < len(target) and (count := stream.readinto(target[filled:])):  # type: ignore[attr-defined]
                 filled += count
             length += filled
             while rest := stream.read(INFLATE_BYTES):
                 length += len(rest)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise InputError(
-            f"{path.name} is a damaged or incomplete gzip file ({error}). Fetch it again."
+            f"{path.name} holds a damaged or incomplete compressed stream ({error}). Fetch it again."
         ) from error
     return length

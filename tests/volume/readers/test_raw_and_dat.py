@@ -72,7 +72,7 @@ def test_a_damaged_gzip_file_is_refused(tmp_path: Path, damage: str) -> None:
     whole[30] ^= 0xFF if damage == "flipped" else 0
     path = tmp_path / "a.raw.gz"
     path.write_bytes(whole[:-12] if damage == "cut" else whole)
-    with pytest.raises(InputError, match=r"a\.raw\.gz is a damaged or incomplete gzip file"):
+    with pytest.raises(InputError, match=r"a\.raw\.gz holds a damaged or incomplete compressed stream"):
         open_volume(path, shape=SHAPE, dtype="uint16")
 
 
