@@ -92,3 +92,17 @@ def test_a_single_slice_is_refused_and_its_folder_named(tmp_path: Path) -> None:
         open_volume(tmp_path)
     with pytest.raises(InputError, match=r"is a single DICOM slice. Name its folder instead"):
         open_volume(tmp_path / "000.dcm")
+
+
+def test_slices_with_unequal_rescale_slopes_are_not_truncated_to_the_first_ones_integers(
+    tmp_path: Path,
+) -> None:
+    samples = write_series(tmp_path, heights=[10.0, 12.5, 15.0])
+    slope = b"\x28\0\x53\x10\2\0\0\0"  # (0028,1053) in implicit representation: a decimal string of two bytes
+    for path in tmp_path.iterdir():
+        before, after = path.read_bytes().split(slope + b"1 ")
+        if path.name != "000.dcm":
+            path.write_bytes(before + slope + b".5" + after)
+    volume = open_volume(tmp_path)
+    np.testing.assert_array_equal(volume.array[0], samples[0])
+    np.testing.assert_array_equal(volume.array[1:], samples[1:] * 0.5)  # half of odd integers is no integer
