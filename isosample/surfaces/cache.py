@@ -34,6 +34,7 @@ from isosample.surfaces.extract import (
     SurfaceSet,
     check_isovalues,
     check_volume,
+    count_per_level,
     extract_surfaces,
 )
 from isosample.surfaces.surface_files import read_surface, surface_key, surface_path, write_surface
@@ -223,8 +224,8 @@ def extract_with_cache(
     statistics = replace(
         extracted.statistics,
         levels_reused=len(reused.isovalues),
-        triangles=_per_level(levels, meshes, "triangles"),
-        vertices=_per_level(levels, meshes, "positions"),
+        triangles=count_per_level(levels, meshes, "triangles"),
+        vertices=count_per_level(levels, meshes, "positions"),
     )
     return replace(extracted, isovalues=levels, meshes=tuple(meshes), statistics=statistics)
 
@@ -287,15 +288,7 @@ def _read_surfaces(
             brick_visits=0,
             brick_visits_skipped=0,
             levels_reused=len(levels),
-            triangles=_per_level(levels, meshes, "triangles"),
-            vertices=_per_level(levels, meshes, "positions"),
+            triangles=count_per_level(levels, meshes, "triangles"),
+            vertices=count_per_level(levels, meshes, "positions"),
         ),
     )
-
-
-def _per_level(levels: F64, meshes: Sequence[BrickMesh], field: str) -> tuple[int, ...]:
-    """Return the rows of a field of the meshes per level, summed over the bricks."""
-    level_of = np.searchsorted(levels, [mesh.isovalue for mesh in meshes]).astype(np.int64)
-    totals = np.zeros(len(levels), dtype=np.int64)
-    np.add.at(totals, level_of, np.array([len(getattr(mesh, field)) for mesh in meshes], dtype=np.int64))
-    return tuple(totals.tolist())

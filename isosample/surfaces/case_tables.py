@@ -146,9 +146,7 @@ def _face_curves(face: int, signs: int, joined: bool) -> dict[int, int]:
     leaving = [i for i in range(4) if inside[i] and not inside[(i + 1) % 4]]
     if len(entering) < 2:
         return {edges[i]: edges[j] for i, j in zip(entering, leaving, strict=True)}
-    turn = (
-        -1 if joined else 1
-    )  # joined: around the outside corner before; separated: around the inside corner
+    turn = -1 if joined else 1  # joined: around the outside corner; separated: around the inside corner
     return {edges[i]: edges[(i + turn) % 4] for i in entering}
 
 

@@ -17,6 +17,7 @@ from isosample.surfaces.case_tables import (
 )
 
 if TYPE_CHECKING:
+    from isosample.surfaces.brick_samples import BrickSamples
     from isosample.surfaces.mesh import F32, I32, I64
     from isosample.volume.grid import F64
 
@@ -25,25 +26,6 @@ POSITION_STEPS = 2.0**17  # positions are multiples of 1/POSITION_STEPS [voxel]
 LARGEST_BRICK_CELLS = 128  # float32 holds multiples of 2**-17 exactly up to 128
 
 U8 = npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BrickSamples:
-    """What the kernel needs of one brick, for every isovalue.
-
-    Attributes
-    ----------
-    values : (Z, Y, X) float64
-        Samples in data units, all finite (any number stands where a sample is masked).
-    gradients : (Z · Y · X, 3) float64
-        Derivative per sample step along x, y, z at the samples [data units / voxel].
-    usable_cells : (Z - 1, Y - 1, X - 1) bool or None
-        Cells whose eight corners are all samples, not masked; None = all.
-    """
-
-    values: F64
-    gradients: F64
-    usable_cells: npt.NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -328,6 +328,27 @@ def test_data_that_overflow_float32_gradients_are_refused() -> None:
         extract_surfaces(Volume(samples), [0.5])
 
 
+def test_a_brick_without_usable_cells_has_an_empty_surface() -> None:
+    samples = np.zeros((3, 3, 3))
+    samples[1, 1, 1], samples[0, 0, 0] = np.nan, 1.0
+    surfaces = extract_surfaces(Volume(samples), [0.5], nan_masked=True)
+    assert (surfaces.meshes, surfaces.statistics.brick_visits) == ((), 1)
+
+
+def test_integers_beyond_float64_are_extracted_as_rounded() -> None:
+    samples = np.full((3, 3, 3), 2**60, dtype=np.int64)
+    samples[1, 1, 1] += 1  # rounds to its neighbours: no sample lies on another side
+    assert extract_surfaces(Volume(samples), [2.0**60 + 256.0]).meshes == ()
+
+
+def test_an_error_of_the_progress_callback_ends_the_extraction() -> None:
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        extract_surfaces(Volume(closed_noise(0)), [0.0], brick_cells=2, progress=stop)
+
+
 def test_bricks_that_miss_an_isovalue_are_skipped_and_counted() -> None:
     samples = np.zeros((9, 9, 17))
     samples[4, 4, 12] = 1.0

@@ -206,6 +206,17 @@ def test_a_scene_pins_the_arrays_it_was_written_with(tmp_path: Path) -> None:
         load_cache(tmp_path)
 
 
+def test_arrays_under_the_header_of_others_are_found(tmp_path: Path) -> None:
+    written_scene(tmp_path, scene_volume())
+    path = min((tmp_path / "surfaces").iterdir())
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    arrays["positions"][0, 0] += 1.0
+    np.savez(path, **arrays)
+    with pytest.raises(CacheError, match=f"{path.name} is damaged: its arrays"):
+        load_cache(tmp_path)
+
+
 @pytest.mark.parametrize("name", ["volume.json", "scene.json"])
 def test_another_format_version_is_refused(tmp_path: Path, name: str) -> None:
     written_scene(tmp_path, scene_volume())
