@@ -142,7 +142,7 @@ class RenderSettings:
         return (red * alpha, green * alpha, blue * alpha, alpha)
 
 
-def check_size(size: Sequence[int]) -> tuple[int, int]:
+def check_size(size: Sequence[object]) -> tuple[int, int]:
     """Return (width, height) if both are whole numbers >= 1, else raise `InputError`."""
     whole = [int(n) for n in size if isinstance(n, (int, np.integer)) and n >= 1]
     if len(size) != 2 or len(whole) != 2:
