@@ -211,34 +211,36 @@ class ABuffer:
     def _measure(self, tile: Tile, frame: _Frame) -> int:
         """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""
         self._bind(tile, frame)
-        return self._draw(self._programs.graphics("build.vert", "measure.frag"), tile, frame)
+        return self._draw("measure.frag", "measure.frag", tile, frame)
 
     def _split(self, tile: Tile, frame: _Frame) -> list[Tile]:
         """Tiles whose lists fit, from a count of every pixel's fragments."""
         with self.timer.stage("count"):
             heads = self._prepare_heads(tile, fill=b"\0\0\0\0")
             self._bind(tile, frame)
-            self._draw(self._programs.graphics("build.vert", "count.frag"), tile, frame)
+            self._draw("count.frag", "count.frag", tile, frame)
             self._ctx.memory_barrier()
             counts = np.frombuffer(heads.read(size=4 * tile.pixel_count), dtype=np.uint32)
         return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._capacity)
 
     def _build(self, tile: Tile, frame: _Frame) -> tuple[np.void, int]:
         """Fill the lists; return the counters and the number of fragments by an independent count."""
-        program = self._programs.graphics("build.vert", "build.frag", SHADING=frame.shading)
         with self.timer.stage("build"):
             self._prepare_heads(tile, fill=b"\xff\xff\xff\xff")
             self._counters.clear()
             self._bind(tile, frame)
-            rasterised = self._draw(program, tile, frame)
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, SHADING=frame.shading)
             self._ctx.memory_barrier()
             return self._read_counters(), rasterised
 
-    def _draw(self, program: moderngl.Program, tile: Tile, frame: _Frame) -> int:
+    def _draw(self, fragment: str, mask_fragment: str, tile: Tile, frame: _Frame, **constants: int) -> int:
         """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
         assert self._rasteriser is not None
+        program = self._programs.graphics("build.vert", fragment, **constants)
+        masked = self._device.has_mask
+        mask_program = self._programs.graphics("build_mask.vert", mask_fragment) if masked else None
         with self._query:
-            self._device.draw(program, self._rasteriser, tile, frame.sides)
+            self._device.draw(program, mask_program, self._rasteriser, tile, frame.sides)
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:

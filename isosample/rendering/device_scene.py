@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 
+PADDING = {"start": "3x4", "face": "1x4", "values": "4x4"}  # of a member that a program does not read
+
+
 class DeviceScene:
     """Buffers of one scene.
 
@@ -41,6 +44,8 @@ class DeviceScene:
         self._levels = scene.levels
         self._vertices = ctx.buffer(_at_least_one(scene.vertices))
         self._indices = ctx.buffer(_at_least_one(scene.indices))
+        self._mask = None if scene.mask is None else ctx.buffer(_at_least_one(scene.mask))
+        self._mask_count = 0 if scene.mask is None else len(scene.mask)
         self._tables = {
             "Bands": ctx.buffer(_band_table(scene)),
             "Impulses": ctx.buffer(_at_least_one(scene.impulses)),
@@ -53,39 +58,58 @@ class DeviceScene:
         for name, buffer in self._tables.items():
             buffer.bind_to_storage_buffer(storage_bindings()[name])
 
+    @property
+    def has_mask(self) -> bool:
+        """Whether the border of the valid cells is drawn too."""
+        return self._mask is not None
+
     def draw(
-        self, program: moderngl.Program, target: moderngl.Framebuffer, tile: Tile, sides: Sequence[float]
+        self,
+        program: moderngl.Program,
+        mask_program: moderngl.Program | None,
+        target: moderngl.Framebuffer,
+        tile: Tile,
+        sides: Sequence[float],
     ) -> None:
-        """Rasterise every level within a tile of a framebuffer.
+        """Rasterise every level, and the border of the valid cells, within a tile of a framebuffer.
 
         Parameters
         ----------
         program : moderngl.Program
             With ``build.vert``; must stay alive as long as this object.
+        mask_program : moderngl.Program or None
+            With ``build_mask.vert``; needed if the scene has a mask.
         target : moderngl.Framebuffer
             Without attachments: with a colour attachment llvmpipe loses fragments in silence.
         tile : Tile
         sides : sequence of float
             +1 for what is in front of the eye, −1 for what is behind it.
         """
-        if not self._levels:
-            return
-        vertex_array = self._vertex_array(program)
         target.scissor = (tile.x, tile.y, tile.width, tile.height)
         with drawing_into(self._ctx, target):
             for side in sides:
-                program["side"] = side
-                for levels in self._levels:
-                    if "level" in program:
-                        program["level"] = levels.level
-                    vertex_array.render(vertices=levels.index_count, first=levels.first_index)
+                self._draw_levels(program, side)
+                if self._mask is not None and mask_program is not None:
+                    mask_program["side"] = side
+                    self._mask_vertex_array(mask_program).render(vertices=6, instances=self._mask_count)
+
+    def _draw_levels(self, program: moderngl.Program, side: float) -> None:
+        if not self._levels:
+            return
+        vertex_array = self._vertex_array(program)
+        program["side"] = side
+        for levels in self._levels:
+            if "level" in program:
+                program["level"] = levels.level
+            vertex_array.render(vertices=levels.index_count, first=levels.first_index)
 
     def release(self) -> None:
         """Free every buffer."""
         for vertex_array in self._vertex_arrays.values():
             vertex_array.release()
-        for buffer in (self._vertices, self._indices, *self._tables.values()):
-            buffer.release()
+        for buffer in (self._vertices, self._indices, self._mask, *self._tables.values()):
+            if buffer is not None:
+                buffer.release()
         self._vertex_arrays, self._tables = {}, {}
 
     def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
@@ -95,6 +119,15 @@ class DeviceScene:
             self._vertex_arrays[key] = self._ctx.vertex_array(
                 program, [(self._vertices, *layout)], index_buffer=self._indices
             )
+        return self._vertex_arrays[key]
+
+    def _mask_vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        key = id(program)
+        if key not in self._vertex_arrays:
+            named = {"start": "3f", "face": "1i", "values": "4f"}
+            used = [name for name in named if name in program]
+            layout = " ".join(form if name in program else PADDING[name] for name, form in named.items())
+            self._vertex_arrays[key] = self._ctx.vertex_array(program, [(self._mask, f"{layout} /i", *used)])
         return self._vertex_arrays[key]
 
 

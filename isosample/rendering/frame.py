@@ -75,12 +75,16 @@ def frame_block(
     unit_from_local = np.linalg.inv(box.edges.T)
     for name, row in zip(("unit_row_x", "unit_row_y", "unit_row_z"), unit_from_local, strict=True):
         frame[name] = (*row, 0.5)
+    matrix = scene.geometry.world_from_index
+    frame["first_sample"][:3] = matrix[:3, 3] - box.centre
+    for name, column in zip(("step_x", "step_y", "step_z"), matrix[:3, :3].T, strict=True):
+        frame[name][:3] = column
     _set_look(frame, settings, box.centre)
     frame["image_size"] = (width, height)
     frame["samples_xy"] = scene.geometry.size_xyz[:2]
     frame["samples_z"] = scene.geometry.size_xyz[2]
     frame["level_count"] = len(scene.impulses)
-    frame["box_faces"] = 1
+    frame["box_faces"] = int(scene.mask is None)
     frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
     return block
 

@@ -13,7 +13,13 @@ if TYPE_CHECKING:
 
     Program = moderngl.Program | moderngl.ComputeShader
 
-MESH_ATTRIBUTES = {"position": "vec3", "gradient": "vec3"}
+MESH_ATTRIBUTES = {
+    "position": "vec3",
+    "gradient": "vec3",
+    "start": "vec3",
+    "face": "int",
+    "values": "vec4",
+}
 MESH_UNIFORMS = {"side": "float", "level": "uint"}
 
 

@@ -12,6 +12,7 @@ from isosample.errors import CapacityError, InputError
 
 if TYPE_CHECKING:
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.mask_faces import MaskFaces
     from isosample.surfaces.mesh import BrickMesh
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import GridGeometry
@@ -20,6 +21,7 @@ F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 U32 = npt.NDArray[np.uint32]
 
+MASK_DTYPE = np.dtype([("start", "<f4", 3), ("face", "<i4"), ("values", "<f4", 4)])
 VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
 
 
@@ -68,8 +70,10 @@ class Scene:
     levels : tuple of LevelRange
         Only levels that have triangles, ascending.
     boundary : (B,) float32
-        Normalised samples of the six faces, x low, x high, y low, …; the lower of a face's two axes runs
-        fastest.
+        Normalised samples of the six faces (none with a mask), x low, x high, y low, …; the lower of a
+        face's two axes runs fastest.
+    mask : (F,) `MASK_DTYPE` or None
+        Faces of the border of the valid cells; None where every sample is finite and the box is the border.
     band_values : (K + 1, 2) float32, band_optics : (K + 1, 2, 4) float32
         Ends of every band (normalised) and the colour and extinction there (straight linear RGB, [1/world]).
     impulses : (K, 4) float32
@@ -82,6 +86,7 @@ class Scene:
     indices: U32
     levels: tuple[LevelRange, ...]
     boundary: F32
+    mask: npt.NDArray[np.void] | None
     band_values: F32
     band_optics: F32
     impulses: F32
@@ -110,15 +115,17 @@ class Scene:
             by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
         chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
         vertices, indices, levels = _merge(chosen, surfaces.geometry, scale)
-        faces = [np.ravel(face) for face in surfaces.boundary.faces]
-        boundary = scale.normalise(np.concatenate(faces)).astype(np.float32)
+        border = surfaces.boundary
+        mask = None if border.mask_faces is None else _mask_records(border.mask_faces, scale)
+        samples = [np.ravel(face) for face in border.faces] if mask is None else [np.zeros(0)]
         optics = np.concatenate([plan.band_color, plan.band_extinction[..., None]], axis=-1)
         return cls(
             geometry=surfaces.geometry,
             vertices=vertices,
             indices=indices,
             levels=levels,
-            boundary=boundary,
+            boundary=scale.normalise(np.concatenate(samples)).astype(np.float32),
+            mask=mask,
             band_values=_band_values(plan, scale),
             band_optics=optics.astype(np.float32),
             impulses=np.concatenate([plan.impulse_color, plan.impulse_opacity[:, None]], axis=-1).astype(
@@ -149,6 +156,15 @@ def _band_values(plan: IsovaluePlan, scale: ValueScale) -> F32:
     levels = scale.normalise(plan.isovalues).astype(np.float32)
     low, high = scale.normalise(np.asarray(plan.value_range)).astype(np.float32)
     return np.stack([np.concatenate([[low], levels]), np.concatenate([levels, [high]])], axis=-1)
+
+
+def _mask_records(faces: MaskFaces, scale: ValueScale) -> npt.NDArray[np.void]:
+    """(F,) `MASK_DTYPE`, one instance per face; sample indices below 2^24 are exact in float32."""
+    records = np.empty(len(faces.starts), dtype=MASK_DTYPE)
+    records["start"] = faces.starts
+    records["face"] = 2 * faces.axes.astype(np.int32) + (faces.outward > 0)
+    records["values"] = scale.normalise(faces.values)
+    return records
 
 
 def _merge(

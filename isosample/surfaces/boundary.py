@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.errors import InputError
+from isosample.surfaces.mask_faces import MaskFaces
 
 if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray, Volume
@@ -21,6 +22,8 @@ class BoundarySlices:
     ----------
     faces : 6 arrays
         In the order x = 0, x = last, both (Z, Y); y = 0, y = last, both (Z, X); z = 0, z = last, both (Y, X).
+    mask_faces : MaskFaces or None
+        Border of the valid cells where samples are not finite; None where all are.
 
     Raises
     ------
@@ -29,6 +32,7 @@ class BoundarySlices:
     """
 
     faces: tuple[SampleArray, ...]
+    mask_faces: MaskFaces | None = None
 
     def __post_init__(self) -> None:
         if len(self.faces) != 6 or len({face.dtype for face in self.faces}) != 1:
@@ -44,7 +48,8 @@ class BoundarySlices:
         """Copy the six faces out of a volume, which may be memory-mapped."""
         a = volume.array
         views = (a[:, :, 0], a[:, :, -1], a[:, 0, :], a[:, -1, :], a[0], a[-1])
-        return cls(faces=tuple(np.array(view, order="C") for view in views))
+        faces = tuple(np.array(view, order="C") for view in views)
+        return cls(faces=faces, mask_faces=MaskFaces.from_volume(volume))
 
     def face(self, axis: int, side: int) -> SampleArray:
         """Return the face across `axis` (0 = x, 1 = y, 2 = z) at its first (0) or last (1) sample."""

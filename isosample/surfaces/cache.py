@@ -11,7 +11,7 @@ Every file is replaced whole, carries the format's version, and is checked again
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +37,7 @@ from isosample.surfaces.extract import (
     count_per_level,
     extract_surfaces,
 )
+from isosample.surfaces.mask_faces import MaskFaces
 from isosample.surfaces.surface_files import read_surface, surface_key, surface_path, write_surface
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
@@ -241,6 +242,9 @@ def _write_volume(folder: Path, surfaces: SurfaceSet, content_hash: str, name: s
             )
         return
     faces: Arrays = {f"face_{number}": face for number, face in enumerate(surfaces.boundary.faces)}
+    mask = surfaces.boundary.mask_faces
+    if mask is not None:
+        faces |= {f"mask_{field.name}": getattr(mask, field.name) for field in fields(mask)}
     digest = write_arrays(folder / "boundary.npz", {"content_hash": content_hash}, faces)
     entries = {
         "name": name,
@@ -262,6 +266,15 @@ def _read_volume(folder: Path) -> dict[str, Any]:
     return read_json(folder / "volume.json", "cache")
 
 
+def _boundary(arrays: Arrays) -> BoundarySlices:
+    """Return the boundary from the arrays of boundary.npz."""
+    mask = {name.removeprefix("mask_"): array for name, array in arrays.items() if name.startswith("mask_")}
+    return BoundarySlices(
+        faces=tuple(arrays[f"face_{number}"] for number in range(6)),
+        mask_faces=MaskFaces(**mask) if mask else None,  # type: ignore[arg-type]  # checked when read
+    )
+
+
 def _read_surfaces(
     folder: Path, volume: dict[str, Any], levels: F64, settings: ExtractionSettings, digests: dict[str, str]
 ) -> SurfaceSet:
@@ -280,7 +293,7 @@ def _read_surfaces(
         geometry=geometry,
         isovalues=levels,
         meshes=tuple(meshes),
-        boundary=BoundarySlices(faces=tuple(faces[f"face_{number}"] for number in range(6))),
+        boundary=_boundary(faces),
         value_range=(low, high),
         settings=settings,
         statistics=ExtractionStatistics(

@@ -59,6 +59,10 @@ struct Frame {
     vec4 unit_row_x;     // unit = (dot(row.xyz, local) + row.w)
     vec4 unit_row_y;
     vec4 unit_row_z;
+    vec4 first_sample;   // local position of sample (0, 0, 0)
+    vec4 step_x;         // from one sample to the next along each index axis [world]
+    vec4 step_y;
+    vec4 step_z;
     vec4 background;     // premultiplied linear RGBA
     vec4 material;       // ambient, diffuse, specular, shininess
     vec4 clip_planes[MAX_CLIP_PLANES];   // keep where dot(plane.xyz, local) + plane.w >= 0

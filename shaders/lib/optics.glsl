@@ -8,7 +8,8 @@ const int MAX_PANELS = 36;               // 36 panels of depth 1/2: what is left
 
 // Opacity of a path of optical depth x >= 0: 1 - exp(-x), without cancellation.
 //   Taylor series to x^9/9! for x < 1/2: truncated relative error x^9/10! < 6e-10.
-// Error: 9 multiply-adds, |err| <= gamma(18) opacity for x < 1/2; else that of exp (3 + 2x ulp of exp(-x)), <= 1e-6.
+// Error: for x < 1/2 |err| <= gamma(4) opacity, since each step of the nested series passes on x/k <= 1/4 of the error
+// of the step inside; else that of exp, 3 + 2x ulp of exp(-x): |err| <= 3.2e-7, which is 7e-7 opacity at most.
 float opacity_from_depth(float x) {
     float s = 1.0 - x * (1.0 / 9.0);
     s = 1.0 - x * (1.0 / 8.0) * s;
@@ -44,7 +45,10 @@ float panel_end(float x0, float x1, float u) {
 //     w.x = integral over [0, 1] of (1 - exp(-D(u))) du,    w.y = opacity - w.x.
 //   w.x is taken on panels of optical depth <= 1/2 with 4 Gauss-Legendre nodes. On a panel the integrand is
 //   1 - const exp(-a u - b u^2) with |8th derivative| <= 764 (reached when the extinction falls to 0 within the panel),
-//   so the error is at most 5.6e-10 * 764 = 4.3e-7 times the transmittance before it: < 1.1e-6 over all panels.
+//   so the error is at most 5.6e-10 * 764 = 4.3e-7 times its width and the transmittance before it: 4.3e-7 in all.
+// Error: 4.3e-7 of the quadrature, exp(-18) = 1.5e-8 behind the last panel, and gamma(44) of roundings at the very
+// worst: |err| <= 3.1e-6 of each weight for any x0, x1 >= 0 (3.2e-7 was seen). Where x0, x1 <= 1/2 the relative error of
+// w.x is below gamma(28) + 4e-7: thin stretches keep their colour.
 vec2 segment_weights(float x0, float x1) {
     float opacity = opacity_from_depth(0.5 * (x0 + x1));
     float front = 0.0;

@@ -1,0 +1,21 @@
+#version 450 core
+// Build pass, border of the valid cells: one list node where the pixel's ray enters or leaves them, with the value there.
+
+#include "lib/layouts.glsl"
+#include "lib/ray.glsl"
+#include "pass/build_lists.glsl"
+
+in float depth_view;
+in vec2 part;
+flat in vec4 corner_values;
+flat in int cell_face;
+
+void main() {
+    vec3 ray = pixel_ray();
+    int axis = cell_face / 2;
+    vec3 upwards = axis == 0 ? frame.unit_row_x.xyz : (axis == 1 ? frame.unit_row_y.xyz : frame.unit_row_z.xyz);
+    bool valid_below = cell_face % 2 == 1;
+    bool entering = (dot(upwards, ray) > 0.0) != valid_below;
+    float value = bilinear(corner_values, clamp(part.x, 0.0, 1.0), clamp(part.y, 0.0, 1.0));
+    append_node(depth_view * length(ray), DOMAIN_LEVEL | (entering ? RISING_BIT : 0u), floatBitsToUint(value));
+}
