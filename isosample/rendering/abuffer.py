@@ -15,6 +15,7 @@ from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
 from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants, storage_dtype
 from isosample.rendering.programs import Programs, storage_bindings
 from isosample.rendering.settings import ResolveStage, SegmentRule, check_size
@@ -172,8 +173,7 @@ class ABuffer:
         """
         width, height = check_size(size)
         target = self._make_targets(width, height)
-        block = frame_block(self._scene, camera, (width, height), settings)
-        frame = _Frame(block=block, settings=settings, sides=self._sides(camera, width / height))
+        frame = self._frame(camera, (width, height), settings)
         parts = strips(width, height, self._limits.storage_block_bytes // 4)
         done = 0
         while parts:
@@ -189,6 +189,35 @@ class ABuffer:
         with self.timer.stage("read back"):
             pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
         return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
+
+    def fragment_lists(
+        self, camera: Camera, size: tuple[int, int], settings: RenderSettings
+    ) -> FragmentLists:
+        """Read back the lists of a picture, instead of resolving them; they must fit the budget in one tile.
+
+        Parameters
+        ----------
+        camera, size, settings
+            As for `render`.
+
+        Raises
+        ------
+        CapacityError
+            If the lists do not fit the budget; and as `render`.
+        """
+        width, height = check_size(size)
+        self._make_targets(width, height)
+        frame = self._frame(camera, (width, height), settings)
+        tile = Tile(0, 0, width, height)
+        measured = self._measure(tile, frame)
+        if not self._grow_pool(measured, settings):
+            raise CapacityError(f"{measured} fragments do not fit the budget; make the picture smaller.")
+        self._build(tile, frame)
+        assert self._pool is not None
+        assert self._heads is not None
+        heads = np.frombuffer(self._heads.read(size=4 * tile.pixel_count), dtype=np.uint32)
+        nodes = np.frombuffer(self._pool.read(), dtype=storage_dtype("Node"))
+        return decode_lists(tile, heads, nodes)
 
     # -- one tile ---------------------------------------------------------------------------------
 
@@ -316,6 +345,10 @@ class ABuffer:
         statistics.terminated_rays += int(counters["terminated_rays"])
 
     # -- camera and memory ------------------------------------------------------------------------
+
+    def _frame(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> _Frame:
+        block = frame_block(self._scene, camera, size, settings)
+        return _Frame(block=block, settings=settings, sides=self._sides(camera, size[0] / size[1]))
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

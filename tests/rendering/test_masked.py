@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
     from isosample.transfer.transfer_function import TransferFunction
 
-HOLES: dict[
-    str, tuple[Any, tuple[int, int, int], tuple[int, int, int]]
-] = {  # samples that are NaN ([z, y, x]) and the box of cells that they mask (x, y, z in samples)
+# Samples that are NaN, [z, y, x], and the box of cells that they mask (first and last sample, x, y, z).
+HOLES: dict[str, tuple[Any, tuple[int, int, int], tuple[int, int, int]]] = {
     "one sample inside": ((5, 3, 4), (3, 2, 4), (5, 4, 6)),
     "one at a corner": ((0, 0, 0), (0, 0, 0), (1, 1, 1)),
     "a slab at the border": ((slice(None), slice(None), slice(0, 2)), (0, 0, 0), (2, 6, 10)),

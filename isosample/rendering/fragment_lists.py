@@ -1,0 +1,75 @@
+"""The lists of the A-buffer read back: what the resolve pass saw, for tests and diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.rendering.frame import shared_constants
+
+if TYPE_CHECKING:
+    from isosample.rendering.tiles import Tile
+
+I64 = npt.NDArray[np.int64]
+U32 = npt.NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FragmentLists:
+    """Fragments of a picture, sorted by pixel and then by distance.
+
+    Attributes
+    ----------
+    pixels : (N,) int64
+        Row from the top · width + column.
+    distances : (N,) float32
+        Along the ray [world].
+    levels : (N,) int64
+        Level index; `DOMAIN_LEVEL` of the shaders for the border of the valid cells.
+    rising : (N,) bool
+        Whether the value rises along the ray (or the ray enters the valid cells).
+    slopes : (N,) float32
+        Absolute derivative of the normalised value along the ray, times the box's radius.
+    """
+
+    pixels: I64
+    distances: npt.NDArray[np.float32]
+    levels: I64
+    rising: npt.NDArray[np.bool_]
+    slopes: npt.NDArray[np.float32]
+
+
+def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void]) -> FragmentLists:
+    """Fragments of all lists of a tile.
+
+    Parameters
+    ----------
+    tile : Tile
+        Must cover whole rows of the picture from its first one.
+    heads : (tile.height · tile.width,) uint32
+        First node of every pixel's list, rows counted upwards.
+    nodes : (M,) struct Node of ``shaders/lib/layouts.glsl``
+    """
+    end = shared_constants()["LIST_END"]
+    y, x = np.divmod(np.arange(len(heads)), tile.width)
+    pixels, current = (tile.height - 1 - y) * tile.width + x, heads.astype(np.int64)
+    found_pixels, found_nodes = [], []
+    while len(current := current[alive := current != end]):
+        pixels = pixels[alive]
+        found_pixels.append(pixels)
+        found_nodes.append(current)
+        current = nodes["next_index"][current].astype(np.int64)
+    empty = np.empty(0, dtype=np.int64)
+    pixels, picked = (np.concatenate([empty, *parts]) for parts in (found_pixels, found_nodes))
+    order = np.lexsort((nodes["distance"][picked], pixels))
+    surface = nodes["surface"][picked[order]]
+    return FragmentLists(
+        pixels=pixels[order],
+        distances=nodes["distance"][picked[order]],
+        levels=(surface & shared_constants()["LEVEL_MASK"]).astype(np.int64),
+        rising=(surface & shared_constants()["RISING_BIT"]) != 0,
+        slopes=(surface >> 16).astype(np.uint16).view(np.float16).astype(np.float32),
+    )
