@@ -87,7 +87,7 @@ def pack_normal(n: npt.ArrayLike) -> npt.NDArray[np.uint32]:
     return bits
 
 
-def unpack_normal(bits: npt.NDArray[np.uint32]) -> F64:
+def unpack_normal(bits: npt.ArrayLike) -> F64:
     """Unit vectors from the bits that `pack_normal` made.
 
     Parameters

@@ -73,7 +73,8 @@ def slab_interval(origin: npt.ArrayLike, direction: npt.ArrayLike) -> F64:
     start, slope = np.broadcast_arrays(start, slope)
     parallel = np.asarray(slope == 0.0)
     divisor = np.where(parallel, 1.0, slope)
-    crossings = np.stack([-start / divisor, (1.0 - start) / divisor], axis=-1)
+    with np.errstate(over="ignore"):  # a crossing beyond the largest number is infinitely far
+        crossings = np.stack([-start / divisor, (1.0 - start) / divisor], axis=-1)
     inside = np.asarray((start >= 0.0) & (start <= 1.0))
     unlimited = np.where(inside[..., None], (-np.inf, np.inf), MISS)
     return np.where(parallel[..., None], unlimited, np.sort(crossings, axis=-1))
@@ -103,7 +104,7 @@ def box_interval(origin: npt.ArrayLike, direction: npt.ArrayLike) -> F64:
     """
     slabs = slab_interval(last_axis(origin, "origin", 3), last_axis(direction, "direction", 3))
     common = np.stack([slabs[..., 0].max(axis=-1), slabs[..., 1].min(axis=-1)], axis=-1)
-    missed = (slabs[..., 0] > slabs[..., 1]).any(axis=-1)
+    missed = np.asarray((slabs[..., 0] > slabs[..., 1]).any(axis=-1))
     return np.where(missed[..., None], MISS, common)
 
 
