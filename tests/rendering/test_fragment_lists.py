@@ -56,7 +56,7 @@ class CpuLists:
     """Crossings sorted by pixel and distance, and the pixels that rounding may decide otherwise.
 
     `conditions` is 1 / cosine of the ray and the normal, plus the slenderness of the triangle's image.
-    `doubtful` holds the pixels whose centre lies within the snapping distance of the image of a triangle's edge.
+    `doubtful` holds the pixels whose centre lies within the snapping distance of a triangle edge's image.
     """
 
     distances: F64
@@ -146,7 +146,7 @@ def test_gpu_lists_equal_cpu_lists_pixel_by_pixel(gl: moderngl.Context, projecti
     cpu = cpu_lists(scene, camera)
     assert len(cpu.pixels) > 10_000
     # A distance is interpolated from three vertices: about 24 roundings of numbers up to `reach` in positions
-    # and weights, magnified where the ray meets the triangle under a small angle and where its image is slender.
+    # and weights, magnified where the ray meets the triangle under a small angle and where its image is thin.
     reach = float(np.linalg.norm(np.asarray(camera.eye) - volume.box.centre)) + volume.box.radius
     rounding = 24 * 2.0**-24 / (1 - 24 * 2.0**-24) * reach
     different = set()
