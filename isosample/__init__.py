@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from isosample.errors import IsosampleError as IsosampleError
+    from isosample.integral.segment_rule import SegmentRule as SegmentRule
     from isosample.rendering.camera import Camera as Camera
     from isosample.rendering.camera import Projection as Projection
     from isosample.rendering.image import Image as Image
@@ -24,14 +25,16 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
-    from isosample.rendering.settings import SegmentRule as SegmentRule
-    from isosample.surfaces.extract import extract_meshes as extract  # noqa: F401
+    from isosample.surfaces.extract import extract_meshes
     from isosample.transfer.control_points import ControlPoint as ControlPoint
     from isosample.transfer.control_points import Isosurface as Isosurface
     from isosample.transfer.isovalues import plan_isovalues as plan_isovalues
     from isosample.transfer.transfer_function import TransferFunction as TransferFunction
     from isosample.volume.grid import Volume as Volume
     from isosample.volume.readers import open_volume as open_volume
+
+if TYPE_CHECKING:
+    extract = extract_meshes
 
 __version__ = "0.1.0"
 
@@ -45,7 +48,7 @@ _HOMES = {
     "Material": "rendering.settings",
     "Projection": "rendering.camera",
     "RenderSettings": "rendering.settings",
-    "SegmentRule": "rendering.settings",
+    "SegmentRule": "integral.segment_rule",
     "TransferFunction": "transfer.transfer_function",
     "Volume": "volume.grid",
     "extract": "surfaces.extract:extract_meshes",

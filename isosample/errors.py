@@ -26,7 +26,7 @@ class CapacityError(IsosampleError):
 
 
 class LostFragmentsError(IsosampleError):
-    """The lists do not hold every fragment that was rasterised; the picture would be wrong and is not shown."""
+    """The lists do not hold every fragment that was rasterised: the picture would be wrong."""
 
 
 class CacheError(IsosampleError):

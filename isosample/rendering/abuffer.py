@@ -14,11 +14,12 @@ import numpy.typing as npt
 from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
+from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants, storage_dtype
 from isosample.rendering.programs import Programs, storage_bindings
-from isosample.rendering.settings import ResolveStage, SegmentRule, check_size
+from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.errors import InputError
+from isosample.integral.segment_rule import SegmentRule as SegmentRule
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,19 +20,6 @@ DEFAULT_MIN_TRANSMITTANCE = (
     2.0**-20
 )  # what is left behind changes a pixel by less than 1e-6 of the brightest colour
 MAX_CLIP_PLANES = 8  # shaders/lib/layouts.glsl has the same; the frame checks that they agree
-
-
-class SegmentRule(enum.Enum):
-    """How the data runs between two neighbouring crossings of a ray.
-
-    `CONSTANT` holds the front crossing's value with opacity 1 − exp(−τ h); `CONSTANT_FIRST_ORDER` is the
-    same with opacity τ h, which is eq. 3 of Lindholm et al. as written; `LINEAR` interpolates between the
-    two crossings.
-    """
-
-    CONSTANT = "constant"
-    CONSTANT_FIRST_ORDER = "constant-first-order"
-    LINEAR = "linear"
 
 
 class ResolveStage(enum.Enum):

@@ -184,6 +184,30 @@ def extract_surfaces(
     )
 
 
+def extract_meshes(
+    volume: Volume, isovalues: Sequence[float] | F64, *, nan_masked: bool = False
+) -> list[Mesh]:
+    """Return one welded mesh in world space per isovalue.
+
+    Parameters
+    ----------
+    volume, isovalues, nan_masked
+        As for `extract_surfaces`.
+
+    Returns
+    -------
+    meshes : list of Mesh
+        In the order of the isovalues; a mesh may be empty.
+
+    Raises
+    ------
+    InputError
+        As `extract_surfaces`.
+    """
+    surfaces = extract_surfaces(volume, isovalues, nan_masked=nan_masked)
+    return [surfaces.mesh(level) for level in range(len(surfaces.isovalues))]
+
+
 def check_isovalues(isovalues: Sequence[float] | F64) -> F64:
     """Return isovalues as a read-only (K,) float64 array, or raise InputError naming what is wrong."""
     levels = np.array(isovalues, dtype=np.float64)

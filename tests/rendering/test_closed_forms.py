@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.settings import ClipPlane, ResolveStage, SegmentRule
+from isosample.rendering.settings import ClipPlane, ResolveStage
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.grid import Volume
