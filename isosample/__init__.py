@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from isosample.integral.segment_rule import SegmentRule as SegmentRule
     from isosample.rendering.camera import Camera as Camera
     from isosample.rendering.camera import Projection as Projection
+    from isosample.rendering.camera import UpAxis as UpAxis
     from isosample.rendering.image import Image as Image
     from isosample.rendering.pipeline import render as render
     from isosample.rendering.pipeline import render_surfaces as render_surfaces
@@ -50,6 +51,7 @@ _HOMES = {
     "RenderSettings": "rendering.settings",
     "SegmentRule": "integral.segment_rule",
     "TransferFunction": "transfer.transfer_function",
+    "UpAxis": "rendering.camera",
     "Volume": "volume.grid",
     "extract": "surfaces.extract:extract_meshes",
     "open_volume": "volume.readers",

@@ -26,6 +26,13 @@ DEFAULT_FOV_Y_DEGREES = 30.0
 PARALLEL_LIMIT = 1e-6  # sine of the smallest angle between the view direction and `up`
 
 
+class UpAxis(enum.Enum):
+    """World axis that points up in the pictures of an orbiting camera: z for scans in patient coordinates."""
+
+    Y = "y"
+    Z = "z"
+
+
 class Projection(enum.Enum):
     """How rays leave the image plane."""
 
@@ -126,6 +133,7 @@ class Camera:
         zoom: float = 1.0,
         projection: Projection = Projection.ORTHOGRAPHIC,
         aspect: float = 1.0,
+        up_axis: UpAxis = UpAxis.Y,
     ) -> Camera:
         """Camera on a sphere about the centre of a box, such that the box's bounding sphere fits the picture.
 
@@ -141,6 +149,9 @@ class Camera:
         projection : Projection
         aspect : float
             Width / height of the picture; below 1 the window grows so that the sphere still fits.
+        up_axis : UpAxis
+            With Z, at 0, 0 the eye is on −y looking along +y with +z up and +x to the right (the front of a
+            patient in LPS coordinates), and elevation turns the eye towards +z.
 
         Raises
         ------
@@ -158,6 +169,8 @@ class Camera:
                 "the volume's box has no extent; a picture needs at least two samples along an axis."
             )
         outward, up = _orbit_frame(math.radians(azimuth), math.radians(elevation))
+        if up_axis is UpAxis.Z:
+            outward, up = (vector[[0, 2, 1]] * [1.0, -1.0, 1.0] for vector in (outward, up))
         fit = radius / min(aspect, 1.0) / zoom
         half_fov = math.radians(DEFAULT_FOV_Y_DEGREES) / 2
         distance = 2.0 * radius
