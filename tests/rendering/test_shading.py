@@ -51,6 +51,6 @@ def test_a_sphere_darkens_towards_its_silhouette_under_any_spacing(gl: moderngl.
     miss = np.sqrt((origins**2).sum(axis=-1) - along**2)
     cosine = np.sqrt(np.maximum(1.0 - (miss / 8.0) ** 2, 0.0))
     inside = miss < 7.0
-    # Central differences err by h² f''' / 6, f''' <= 2 / r²: 2² * 2 / 64 / 6 = 0.021; between the vertices normals
+    # Central differences err by h² f''' / 6 with f''' <= 2 / r², so 0.021; between the vertices normals
     # differ from the surface's by up to (h / 2r)² / 2 = 0.008 more.
     assert np.abs(rgba[..., 0] - cosine)[inside].max() < 0.021 + 0.008
