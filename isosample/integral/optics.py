@@ -104,8 +104,7 @@ def panel_end(x0: npt.ArrayLike, x1: npt.ArrayLike, u: npt.ArrayLike) -> F64:
     at_start = front * (1.0 - start) + back * start
     discriminant = at_start * at_start + 2.0 * (back - front) * PANEL_DEPTH
     scale = at_start + np.sqrt(np.maximum(discriminant, 0.0))
-    reached = (discriminant > 0.0) & (scale > 2.0 * PANEL_DEPTH * np.finfo(np.float64).tiny)
-    step = np.divide(2.0 * PANEL_DEPTH, scale, out=np.ones(np.shape(scale)), where=reached)
+    step = np.divide(2.0 * PANEL_DEPTH, scale, out=np.ones(np.shape(scale)), where=discriminant > 0.0)
     return np.minimum(1.0, start + step)
 
 

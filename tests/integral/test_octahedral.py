@@ -57,8 +57,13 @@ def test_length_does_not_matter_and_powers_of_two_change_no_bit(n: np.ndarray) -
 
 @given(words=arrays(np.uint32, 8))
 def test_every_word_is_a_unit_vector(words: np.ndarray) -> None:
-    # 0x8000 stands for −1 like 0x8001 (OpenGL clamps it), so no word is out of range.
     np.testing.assert_allclose(np.linalg.norm(unpack_normal(words), axis=-1), 1.0, rtol=1e-15)
+
+
+def test_lowest_number_stands_for_minus_one_like_its_neighbour() -> None:
+    # −32768 / 32767 is clamped (OpenGL Shading Language 4.5, unpackSnorm2x16).
+    lowest, clamped = unpack_normal(np.array([0x8000, 0x8001], np.uint32))
+    assert lowest.tolist() == clamped.tolist()
 
 
 def test_fold_exchanges_the_square_and_its_corners() -> None:

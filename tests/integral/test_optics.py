@@ -206,7 +206,7 @@ def test_panel_error_bound_of_the_shader_is_reached_but_not_passed() -> None:
 @pytest.mark.parametrize(
     ("function", "arguments", "message"),
     [
-        (opacity_from_depth, ([1.0, -0.5],), r"depth is -0\.5 at index 1; expected finite and >= 0"),
+        (opacity_from_depth, ([1.0, -0.5, -2.0],), r"depth is -0\.5 at index 1; expected finite and >= 0"),
         (opacity_from_depth, (math.nan,), "depth is nan; expected finite"),
         (segment_weights, ([[1.0, math.inf]], 1.0), "x0 is inf at index 0, 1"),
         (segment_weights, (1.0, -1.0), "x1 is -1; expected"),

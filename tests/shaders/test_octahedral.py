@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from shaders.twins import F32
 
 OCTAHEDRAL = "lib/octahedral.glsl"
-# Rounding to 16 bits as derived in the file, and roundings on the way: the components of p carry 8 each (norm 2,
-# division 5, scaling 1), together 8 units of |p_x| + |p_y| <= 1, folding 2 more; the octahedron's point moves
-# √2 as far, seen from a distance of 1/√3 or more: (8 + 2) √6 = 25 units.
+# Rounding to 16 bits as derived in the file, and roundings on the way: the components of p carry 8 each
+# (norm 2, division 5, scaling 1), together 8 units of |p_x| + |p_y| <= 1, folding 2 more; the octahedron's
+# point moves √2 as far, seen from a distance of 1/√3 or more: (8 + 2) √6 = 25 units.
 STATED_ANGLE = 3.0 * math.sqrt(2.0) * 0.5 / STEPS + gamma(25)
 
 
