@@ -156,8 +156,8 @@ def tangent_step(image: npt.ArrayLike, truth: npt.ArrayLike, *, pixels: Pixels =
 
     Notes
     -----
-    A ray that passes just outside an isosurface misses its crossings: where rays become tangent to the surface,
-    an integral over too few crossings jumps although the truth is smooth. RMSE hardly shows such lines.
+    A ray that passes just outside an isosurface misses its crossings: where rays become tangent to the
+    surface, an integral over too few crossings jumps although the truth is smooth. RMSE hardly shows such lines.
     """
     estimate, reference = image_pair(image, truth)
     counted = counted_pixels(estimate, reference, pixels)
@@ -176,7 +176,7 @@ def _counted_differences(image: npt.ArrayLike, truth: npt.ArrayLike, pixels: Pix
 
 
 def _row_steps(estimate: F64, reference: F64, counted: Mask) -> F64:
-    """(N, 4) float64, steps beyond the truth's from each row to the next, where one of the two pixels counts."""
+    """(N, 4) float64, steps beyond the truth's from each row to the next, where one pixel counts."""
     beyond = np.abs(np.diff(estimate, axis=0)) - np.abs(np.diff(reference, axis=0))
     steps: F64 = beyond[counted[1:] | counted[:-1]]
     return steps

@@ -110,6 +110,7 @@ def _picture(values: npt.ArrayLike, name: str) -> F64:
         row, column, channel = (int(i) for i in np.argwhere(beyond)[0])
         raise InputError(
             f"the {name} is {picture[row, column, channel]} at row {row}, column {column}, "
-            f"channel {channel}; expected a finite float32. Find what rendered it: no score is given for such a picture."
+            f"channel {channel}; expected a finite float32. "
+            "Find what rendered it: no score is given for such a picture."
         )
     return picture
