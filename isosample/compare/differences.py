@@ -157,7 +157,8 @@ def tangent_step(image: npt.ArrayLike, truth: npt.ArrayLike, *, pixels: Pixels =
     Notes
     -----
     A ray that passes just outside an isosurface misses its crossings: where rays become tangent to the
-    surface, an integral over too few crossings jumps although the truth is smooth. RMSE hardly shows such lines.
+    surface, an integral over too few crossings jumps although the truth is smooth. RMSE hardly shows
+    such lines.
     """
     estimate, reference = image_pair(image, truth)
     counted = counted_pixels(estimate, reference, pixels)

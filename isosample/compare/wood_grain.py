@@ -62,12 +62,12 @@ def wood_grain_energy(
         |k| = \sqrt{(k_x/W)^2 + (k_y/H)^2}.
 
     By Parseval's theorem the energies of bands that share no frequency add up, and all together give the mean
-    of :math:`(e - \bar e)^2` weighted by :math:`w^2`. A sine of amplitude A with a whole number of periods (2 to
-    N/2 − 2), in one channel, has the energy :math:`A^2/8` if the band holds its frequency and the neighbours
-    1/W and 1/H away, to which the window spreads it. The window keeps the picture's border (a jump from one
-    side to the other) out of the band: what a slowly varying error leaks into it falls as the cube of the distance
-    in frequency. With `Pixels.VISIBLE` only the normalisation changes: where both pictures are empty the
-    error is 0 already.
+    of :math:`(e - \bar e)^2` weighted by :math:`w^2`. A sine of amplitude A with a whole number of
+    periods (2 to N/2 − 2), in one channel, has the energy :math:`A^2/8` if the band holds its frequency and
+    the neighbours 1/W and 1/H away, to which the window spreads it. The window keeps the picture's border (a
+    jump from one side to the other) out of the band: the amplitude that a slowly varying error leaks into it
+    falls as the cube of the distance in frequency. With `Pixels.VISIBLE` only the normalisation changes:
+    where both pictures are empty the error is 0 already.
     """
     estimate, reference = image_pair(image, truth)
     counted = counted_pixels(estimate, reference, pixels)
@@ -109,7 +109,8 @@ def grain_band(
     -----
     Parallel rays sampled at the depths n·step meet a plane tilted by θ at depths that grow by
     pixel_size·tan θ from pixel to pixel. The sampling error depends on depth modulo step, so it repeats
-    pixel_size·tan θ/step times per pixel; harmonics lie above. For perspective, take the rays' distance at the surface.
+    pixel_size·tan θ/step times per pixel; harmonics lie above. For perspective, take the rays' distance at
+    the surface.
     """
     if not (0.0 < step < math.inf and 0.0 < pixel_size < math.inf):
         raise InputError(f"step {step:g} and pixel_size {pixel_size:g} must be finite and above 0 [world].")
