@@ -35,6 +35,11 @@ class Crossing(NamedTuple):
         """Band from which the ray comes."""
         return self.level if self.rising else self.level + 1
 
+    @property
+    def band_after(self) -> int:
+        """Band into which the ray goes."""
+        return self.level + 1 if self.rising else self.level
+
 
 class BorderPoint(NamedTuple):
     """Where a ray enters or leaves the volume: distance [world] and the value there [data units]."""
@@ -45,15 +50,23 @@ class BorderPoint(NamedTuple):
 
 @dataclass(slots=True)
 class _Walk:
-    """State between two crossings; `position` is 0 at the lower and 1 at the upper end of the band."""
+    """State between two crossings; `position` is 0 at the lower and 1 at the upper end of the band.
+
+    In a balanced walk `band` may leave 0 … K for a moment, where meshes of neighbouring levels cut each other.
+    """
 
     radiance: F64
     transmittance: float
     distance: float
     band: int
     position: float
+    balanced: bool = True
     fresh: bool = True
     violations: int = 0
+
+    def end_towards(self, level: int) -> float:
+        """End of the current band that is nearer to a level."""
+        return 1.0 if level >= self.band else 0.0
 
 
 def integrate_ray(
@@ -84,10 +97,17 @@ def integrate_ray(
     rgba : (4,) float64
         Premultiplied linear RGBA.
     violations : int
-        Crossings that did not continue the walk through the bands.
+        Crossings that did not continue the walk through the bands of a ray whose crossings do not add up.
+
+    Notes
+    -----
+    If the crossings lead from the band of the entry to that of the exit, none was lost: the ray is balanced, and
+    every crossing moves the walk by one band, in whatever order they stand. Where the value on the box and the
+    surfaces disagree about the band, the surfaces decide.
     """
     walk = _Walk(np.zeros(3), 1.0, entry.distance, band_of(plan, entry.value), 0.0)
     walk.position = position_in_band(plan, walk.band, entry.value)
+    _weigh(walk, crossings, band_of(plan, leave.value))
     for crossing in crossings:
         _cross(walk, crossing, plan, rule, visible)
     target = band_of(plan, leave.value) if walk.fresh else walk.band
@@ -104,8 +124,29 @@ def band_of(plan: IsovaluePlan, value: float) -> int:
 
 def position_in_band(plan: IsovaluePlan, band: int, value: float) -> float:
     """0 at the lower end of a band, 1 at its upper end; the nearer end for values beside it."""
-    low, high = plan.band_values[band]
+    low, high = plan.band_values[_real_band(plan, band)]
     return float(np.clip((value - low) / (high - low), 0.0, 1.0)) if high > low else 0.0
+
+
+def _weigh(walk: _Walk, crossings: Sequence[Crossing], leaving: int) -> None:
+    """Decide whether the crossings add up, and from which band."""
+    if not crossings:
+        return
+    net = sum(1 if crossing.rising else -1 for crossing in crossings)
+    first, last = crossings[0].band_before, crossings[-1].band_after
+    if walk.band + net == leaving:
+        return
+    if first + net in (leaving, last):
+        _move_to(walk, first)
+    else:
+        walk.balanced = walk.band + net == last
+
+
+def _move_to(walk: _Walk, band: int) -> None:
+    """Begin in another band than the one of the value on the box, at its nearer end."""
+    if walk.band != band:
+        walk.position = 0.0 if walk.band < band else 1.0
+        walk.band = band
 
 
 def _cross(
@@ -114,11 +155,10 @@ def _cross(
     """Walk to a crossing and through it."""
     before = crossing.band_before
     distance = max(crossing.distance, walk.distance)
-    if walk.band != before and walk.fresh:  # the surface decides where the face's value disagrees
-        walk.position = 0.0 if walk.band < before else 1.0
-        walk.band = before
-    elif walk.band != before:
+    if walk.band != before and not walk.balanced:
         walk.violations += 1
+        if walk.fresh:  # the surface decides where the face's value disagrees
+            _move_to(walk, before)
         value = float(plan.isovalues[crossing.level])
         _cross_missing(walk, before, distance, value, plan, rule, visible)
     walk.fresh = False
@@ -136,7 +176,7 @@ def _cross_missing(
 ) -> None:
     """Cross the levels up or down to the band `target`, where a linear course meets them."""
     start = walk.distance
-    low, high = plan.band_values[walk.band]
+    low, high = plan.band_values[_real_band(plan, walk.band)]
     start_value = low + walk.position * (high - low)
     while walk.band != target:
         rising = walk.band < target
@@ -157,12 +197,12 @@ def _pass_level(
     visible: tuple[float, float],
 ) -> None:
     """Integrate up to a level, composite its impulse if it has one, and enter the next band."""
-    _advance(walk, distance, 1.0 if rising else 0.0, plan, rule, visible)
+    _advance(walk, distance, walk.end_towards(level), plan, rule, visible)
     if visible[0] <= distance <= visible[1]:
         opacity = float(plan.impulse_opacity[level])
         _composite(walk, opacity * plan.impulse_color[level], opacity)
-    walk.band = level + 1 if rising else level
-    walk.position = 0.0 if rising else 1.0
+    walk.band += 1 if rising else -1
+    walk.position = walk.end_towards(level)
 
 
 def _advance(
@@ -201,8 +241,14 @@ def _constant_segment(walk: _Walk, length: float, plan: IsovaluePlan, *, first_o
 
 def _optics(plan: IsovaluePlan, band: int, position: float) -> tuple[F64, float]:
     """Colour and extinction at a position of a band."""
-    color, extinction = plan.band_color[band], plan.band_extinction[band]
+    real = _real_band(plan, band)
+    color, extinction = plan.band_color[real], plan.band_extinction[real]
     return (1.0 - position) * color[0] + position * color[1], _mix(extinction[0], extinction[1], position)
+
+
+def _real_band(plan: IsovaluePlan, band: int) -> int:
+    """Nearest band that there is."""
+    return min(max(band, 0), len(plan.isovalues))
 
 
 def _mix(first: float, last: float, part: float) -> float:

@@ -36,7 +36,7 @@ F32 = npt.NDArray[np.float32]
 QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
 WORK_GROUP = 8  # local size of the compute shaders
 SEGMENT_RULES = {SegmentRule.CONSTANT: 0, SegmentRule.CONSTANT_FIRST_ORDER: 1, SegmentRule.LINEAR: 2}
-LONGEST_LIST = 12_000  # about 5 loop iterations per node in one shader call stay below llvmpipe's 65535
+LONGEST_LIST = 10_000  # about 6 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
 @dataclass(slots=True)
@@ -52,7 +52,10 @@ class FrameStatistics:
     max_depth_complexity : int
         Longest list.
     band_violations : int
-        Crossings that did not continue the walk through the bands; missing ones were put in between.
+        Crossings that did not continue the walk through the bands, on rays whose crossings do not add up: some were
+        lost, and put in between.
+    reordered_fragments : int
+        Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
     saturated_segments : int
         Segments whose first-order opacity was above 1 and was taken as 1.
     terminated_rays : int
@@ -67,6 +70,7 @@ class FrameStatistics:
     lost_fragments: int = 0
     max_depth_complexity: int = 0
     band_violations: int = 0
+    reordered_fragments: int = 0
     saturated_segments: int = 0
     terminated_rays: int = 0
     tiles: int = 0
@@ -342,6 +346,7 @@ class ABuffer:
             statistics.max_depth_complexity, int(counters["max_depth_complexity"])
         )
         statistics.band_violations += int(counters["band_violations"])
+        statistics.reordered_fragments += int(counters["reordered_fragments"])
         statistics.saturated_segments += int(counters["saturated_segments"])
         statistics.terminated_rays += int(counters["terminated_rays"])
 

@@ -35,7 +35,8 @@ struct Counters {
     uint node_count;                     // nodes asked for by the build pass
     uint walked_count;                   // nodes found in the lists by the resolve pass
     uint max_depth_complexity;           // longest list
-    uint band_violations;                // fragments whose level or direction does not continue the walk
+    uint band_violations;                // fragments that do not continue the walk of a ray that is not balanced
+    uint reordered_fragments;            // fragments of balanced rays that do not stand in the order of the levels
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
 };

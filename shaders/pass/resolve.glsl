@@ -15,18 +15,18 @@ vec3 ray_direction;                       // unit, of the pixel being resolved
 #include "pass/sort_lists.glsl"
 #include "pass/boundary_value.glsl"
 
-const float TIE_DISTANCE = 4e-6;          // of the box radius: crossings this close may have been rounded out of order
-
 struct Walk {
     vec3 radiance;                        // premultiplied, in front of the current position
     float transmittance;
     float visible_start, visible_end;     // the part of the ray that is not cut away [world]
     float distance;                       // front end of the current segment [world]
     float position;                       // and the value there as a position in its band: 0 lower end, 1 upper end
-    int band;                             // band of the segment; -1 outside the volume
+    int band;                             // band of the segment; in a balanced span it may leave 0 ... level_count
+    bool inside;                          // inside the volume (or the valid cells)
+    bool balanced;                        // the crossings of this span add up, see weigh_span
     bool fresh;                           // no crossing since the entry: the band rests on the face's value alone
     uint normal;                          // packed normal at the front end; 0: none
-    uint violations, saturated;
+    uint violations, reordered, saturated;
 };
 
 Walk walk;
@@ -45,9 +45,11 @@ void composite(vec3 premultiplied, float opacity) {
     walk.transmittance *= 1.0 - opacity;
 }
 
+Band current_band() { return bands[clamp(walk.band, 0, frame.level_count)]; }
+
 // Composites the segment up to `distance`, where the value is at `position` of the current band, and moves there.
 void advance(float distance, float position, uint normal) {
-    Band band = bands[walk.band];
+    Band band = current_band();
     float start = max(walk.distance, walk.visible_start);
     float end = min(distance, walk.visible_end);
     if (band.extinction_max > 0.0 && end > start) {
@@ -82,16 +84,24 @@ void composite_impulse(int level, uint normal) {
     composite(impulse.a * lit(impulse.rgb, normal, normal), impulse.a);
 }
 
-int band_before(Node node) { return int(node.surface & LEVEL_MASK) + ((node.surface & RISING_BIT) != 0u ? 0 : 1); }
+bool is_rising(Node node) { return (node.surface & RISING_BIT) != 0u; }
 
 bool is_domain(Node node) { return (node.surface & LEVEL_MASK) == DOMAIN_LEVEL; }
 
-// The point of the box's border (or the valid cells') at `distance`, as a node.
-Node border_node(float distance, float value, bool entering) {
-    return Node(LIST_END, distance, DOMAIN_LEVEL | (entering ? RISING_BIT : 0u), floatBitsToUint(value));
+int band_before(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(node) ? 0 : 1); }
+
+int band_after(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(node) ? 1 : 0); }
+
+// End of the current band that is nearer to a level.
+float end_towards(int level) { return level >= walk.band ? 1.0 : 0.0; }
+
+// The point where the ray leaves the box, as a node.
+Node leaving_node(float distance, float value) {
+    return Node(LIST_END, distance, DOMAIN_LEVEL, floatBitsToUint(value));
 }
 
 void enter(float distance, float value) {
+    walk.inside = true;
     walk.distance = distance;
     walk.band = band_of(value);
     walk.position = band_position(bands[walk.band].value_low, bands[walk.band].inverse_width, value);
@@ -99,34 +109,69 @@ void enter(float distance, float value) {
     walk.fresh = true;
 }
 
-// The band from which the walk reaches a node. Where a surface does not continue the walk, the levels in between were
-// lost; but right behind the entry the surface decides: the face is bilinear, the mesh's outline on it a chord, and in
-// the sliver between the two (or by rounding) they differ. For the same reason a ray that crossed surfaces leaves from
-// the band they say, and only one that crossed none follows the two face values.
+// Where the next node of a sorted list is: `index` of node `i` - 1 and the number `i`.
+uint next_in_list(uint index, uint i, bool in_array) { return in_array ? sorted_indices[i] : nodes[index].next_index; }
+
+// Adds up the crossings from node `i` to the end of the span. If they lead from the band of the entry to that of the
+// exit, none was lost: the span is balanced, and every crossing moves the walk by one band, whatever its level. That
+// holds too where the meshes of neighbouring levels cut each other inside a cell, so that crossings stand in the wrong
+// order. Where the face's value and the surfaces disagree about the band at the box (the face is bilinear, the mesh's
+// outline on it a chord; or by rounding), the surfaces decide.
+void weigh_span(uint index, uint i, uint length, bool in_array, Node last) {
+    int net = 0;
+    int first_before = -1;
+    int last_after = -1;
+    Node node = last;
+    for (; i < length; ++i) {
+        if (i > 0u) index = next_in_list(index, i, in_array);
+        else if (in_array) index = sorted_indices[0];
+        node = nodes[index];
+        if (is_domain(node)) break;
+        if (first_before < 0) first_before = band_before(node);
+        last_after = band_after(node);
+        net += is_rising(node) ? 1 : -1;
+    }
+    if (i == length) node = last;
+    int leaving = is_domain(node) ? band_of(uintBitsToFloat(node.normal)) : last_after;
+    bool by_entry = walk.band + net == leaving;
+    bool by_first = first_before + net == leaving || first_before + net == last_after;
+    walk.balanced = first_before < 0 || by_entry || by_first || walk.band + net == last_after;
+    if (first_before >= 0 && !by_entry && by_first && walk.band != first_before) {
+        walk.position = walk.band < first_before ? 0.0 : 1.0;
+        walk.band = first_before;
+    }
+}
+
+// The band from which the walk goes through a node. In a span that is not balanced, levels between the walk's band and
+// the node's were lost, or before the first crossing the face's value is wrong.
 int band_at(Node node) {
     if (is_domain(node)) return walk.fresh ? band_of(uintBitsToFloat(node.normal)) : walk.band;
     int before = band_before(node);
     if (walk.band == before) return before;
-    if (!walk.fresh) {
-        ++walk.violations;
-        return before;
+    if (walk.balanced) {
+        ++walk.reordered;
+        return walk.band;
     }
-    walk.position = walk.band < before ? 0.0 : 1.0;
-    walk.band = before;
+    ++walk.violations;
+    if (walk.fresh) {
+        walk.position = walk.band < before ? 0.0 : 1.0;
+        walk.band = before;
+    }
     return before;
 }
 
 // Walks to a node: through levels that the list does not hold, where a linear course meets them, then to the node.
 void step_to(Node node) {
     bool domain = is_domain(node);
-    bool rising = (node.surface & RISING_BIT) != 0u;
+    bool rising = is_rising(node);
     if (domain && rising) enter(node.distance, uintBitsToFloat(node.normal));
-    if (walk.band < 0 || (domain && rising)) return;      // outside: beside the valid cells by rounding
+    if (!walk.inside || (domain && rising)) return;       // outside: beside the valid cells by rounding
     int level = domain ? -1 : int(node.surface & LEVEL_MASK);
     int target = band_at(node);
+    Band band = current_band();
     float start = walk.distance;
     float end = max(node.distance, start);
-    float value_start = mix(bands[walk.band].value_low, bands[walk.band].value_high, walk.position);
+    float value_start = mix(band.value_low, band.value_high, walk.position);
     float value_end = domain ? uintBitsToFloat(node.normal) : bands[level].value_high;
     bool arrived;
     do {
@@ -134,51 +179,41 @@ void step_to(Node node) {
         bool upwards = arrived ? rising : walk.band < target;
         int crossed = arrived ? level : (upwards ? walk.band : walk.band - 1);
         float distance = end;
-        float position = upwards ? 1.0 : 0.0;
+        float position = end_towards(crossed);
         uint normal = domain ? 0u : node.normal;
         if (!arrived) {
             float part = (bands[crossed].value_high - value_start) / (value_end - value_start);
             distance = max(walk.distance, mix(start, end, value_end != value_start ? clamp(part, 0.0, 1.0) : 0.5));
             normal = walk.normal;
         } else if (domain) {
-            position = band_position(bands[target].value_low, bands[target].inverse_width, value_end);
+            band = current_band();
+            position = band_position(band.value_low, band.inverse_width, value_end);
         }
         advance(distance, position, normal);
         if (crossed >= 0) {
             composite_impulse(crossed, normal);
-            walk.band = upwards ? crossed + 1 : crossed;
-            walk.position = upwards ? 0.0 : 1.0;
+            walk.band += upwards ? 1 : -1;
+            walk.position = end_towards(crossed);
         }
     } while (!arrived);
     walk.fresh = false;
-    if (domain) walk.band = -1;
-}
-
-// True if `second` may come first: both crossings lie within rounding, and only that order continues the walk.
-bool swapped(Node first, Node second) {
-    if (walk.band < 0 || is_domain(first) || is_domain(second)) return false;
-    return second.distance - first.distance <= TIE_DISTANCE * frame.box_radius
-        && band_before(first) != walk.band && band_before(second) == walk.band;
+    if (domain) walk.inside = false;
 }
 
 // Steps to every node of a sorted list, then to `last` unless it is no border.
 void walk_list(uint head, uint length, bool in_array, Node last) {
     uint count = length + (is_domain(last) ? 1u : 0u);
     uint index = head;
-    Node current = last;
-    if (length > 0u) {
-        if (in_array) index = sorted_indices[0];
-        current = nodes[index];
-    }
-    for (uint i = 1u; i <= count; ++i) {
-        Node next = last;
+    if (walk.inside) weigh_span(index, 0u, length, in_array, last);
+    for (uint i = 0u; i < count; ++i) {
+        Node node = last;
         if (i < length) {
-            index = in_array ? sorted_indices[i] : nodes[index].next_index;
-            next = nodes[index];
+            if (i > 0u) index = next_in_list(index, i, in_array);
+            else if (in_array) index = sorted_indices[0];
+            node = nodes[index];
         }
-        bool swap = i < length && swapped(current, next);
-        step_to(swap ? next : current);
-        if (!swap) current = next;
+        step_to(node);
+        if (is_domain(node) && is_rising(node)) weigh_span(index, i + 1u, length, in_array, last);
         if (walk.transmittance < frame.min_transmittance) {
             atomicAdd(counters.terminated_rays, 1u);
             return;
@@ -204,7 +239,7 @@ vec4 resolve_pixel(ivec2 pixel) {
     vec3 offset = plane.x * frame.span_right + plane.y * frame.span_up;
     ray_direction = normalize(frame.forward + frame.perspective * offset);
     vec3 origin = frame.eye + (1.0 - frame.perspective) * offset;
-    walk = Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, -1, false, 0u, 0u, 0u);
+    walk = Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, 0, false, false, false, 0u, 0u, 0u, 0u);
     cut_ray(origin);
 
     ivec2 in_tile = pixel - frame.tile_origin;
@@ -219,7 +254,7 @@ vec4 resolve_pixel(ivec2 pixel) {
         Node last = Node(LIST_END, 0.0, 0u, 0u);
         if (frame.box_faces != 0) {
             enter(inside.x, face_value(origin, inside.x));
-            last = border_node(inside.y, face_value(origin, inside.y), false);
+            last = leaving_node(inside.y, face_value(origin, inside.y));
         }
         walk_list(head, length, in_array, last);
     }
@@ -228,6 +263,7 @@ vec4 resolve_pixel(ivec2 pixel) {
         atomicMax(counters.max_depth_complexity, length);
     }
     if (walk.violations > 0u) atomicAdd(counters.band_violations, walk.violations);
+    if (walk.reordered > 0u) atomicAdd(counters.reordered_fragments, walk.reordered);
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);
     return vec4(walk.radiance, 1.0 - walk.transmittance) + walk.transmittance * frame.background;
 }
