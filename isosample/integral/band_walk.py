@@ -1,0 +1,235 @@
+"""One ray's way through the bands of the transfer function, along one cubic after the other.
+
+The walk knows the band in which the ray is. The field's values at the ends of monotone pieces decide which
+levels lie between, by comparison alone, so no level is lost or counted twice, however the roots are rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.integral.cell_cubic import cubic_extrema, cubic_part, cubic_root, cubic_value
+from isosample.integral.compiled import compiled
+
+if TYPE_CHECKING:
+    from isosample.integral.band_table import BandTable, PanelRules
+
+F64 = npt.NDArray[np.float64]
+
+# The walk is an array: premultiplied RGBA in 0 to 3, and
+OPACITY, TRANSMITTANCE, PANELS = 3, 4, 5
+WALK_SIZE = 6
+
+OPAQUE = 1e-14  # a ray ends where less than this is transmitted
+
+
+@compiled
+def start_walk(walk: F64) -> None:
+    """Nothing seen so far, everything transmitted."""
+    for i in range(WALK_SIZE):
+        walk[i] = 0.0
+    walk[TRANSMITTANCE] = 1.0
+
+
+@compiled
+def band_above(edges: F64, band: int, value: float) -> int:
+    """Band of a value that counts a level as above it, found from a band nearby."""
+    while value >= edges[band + 1]:
+        band += 1
+    while value < edges[band]:
+        band -= 1
+    return band
+
+
+@compiled
+def band_below(edges: F64, band: int, value: float) -> int:
+    """Band of a value that counts a level as below it, found from a band nearby."""
+    while value > edges[band + 1]:
+        band += 1
+    while value <= edges[band]:
+        band -= 1
+    return band
+
+
+@compiled
+def walk_cubic(
+    walk: F64,
+    band: int,
+    cubic: tuple[float, float, float, float],
+    length: float,
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+) -> int:
+    """Walk along a cubic of the given length [world]; return the band at its end."""
+    b0, b1, b2, b3 = cubic
+    low, high = min(min(b0, b1), min(b2, b3)), max(max(b0, b1), max(b2, b3))
+    if bands.edges[band] < low and high < bands.edges[band + 1]:
+        absorb(walk, band, cubic, length, bands, rules, panels)
+        return band
+    count, first, second = cubic_extrema(b0, b1, b2, b3)
+    start, start_value = 0.0, b0
+    for piece in range(count + 1):
+        end = first if piece == 0 and count > 0 else (second if piece == 1 and count > 1 else 1.0)
+        end_value = cubic_value(b0, b1, b2, b3, end)
+        band = _walk_monotone(
+            walk, band, cubic, (start, end), (start_value, end_value), length, bands, rules, panels
+        )
+        start, start_value = end, end_value
+    return band
+
+
+@compiled
+def _walk_monotone(
+    walk: F64,
+    band: int,
+    cubic: tuple[float, float, float, float],
+    places: tuple[float, float],
+    values: tuple[float, float],
+    length: float,
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+) -> int:
+    """Walk along a monotone piece of a cubic, from level to level."""
+    start, end = places
+    if values[0] == values[1]:
+        band = cross_levels(walk, band, band_above(bands.edges, band, values[0]), bands)
+        absorb_plateau(walk, band, values[0], (end - start) * length, bands)
+        return band
+    rising = values[0] < values[1]
+    if rising:
+        band = cross_levels(walk, band, band_above(bands.edges, band, values[0]), bands)
+        last = band_below(bands.edges, band, values[1])
+    else:
+        band = cross_levels(walk, band, band_below(bands.edges, band, values[0]), bands)
+        last = band_above(bands.edges, band, values[1])
+    b0, b1, b2, b3 = cubic
+    while band != last:
+        level = bands.edges[band + 1] if rising else bands.edges[band]
+        root = cubic_root(b0, b1, b2, b3, level, start, end, rising)
+        part = cubic_part(b0, b1, b2, b3, start, root)
+        absorb(walk, band, part, (root - start) * length, bands, rules, panels)
+        band = cross_levels(walk, band, band + 1 if rising else band - 1, bands)
+        start = root
+    part = cubic_part(b0, b1, b2, b3, start, end)
+    absorb(walk, band, part, (end - start) * length, bands, rules, panels)
+    return band
+
+
+@compiled
+def cross_levels(walk: F64, band: int, target: int, bands: BandTable) -> int:
+    """Composite the impulses of the levels between two bands, in the direction of travel; return `target`."""
+    step = 1 if target > band else -1
+    while band != target:
+        level = band if step == 1 else band - 1
+        opacity = bands.impulse[level, 0]
+        if opacity > 0.0:
+            _composite(walk, opacity, 1.0 - opacity, bands.impulse[level, 1:], bands.impulse[level, 1:], 0.0)
+        band += step
+    return target
+
+
+@compiled
+def absorb_plateau(walk: F64, band: int, value: float, length: float, bands: BandTable) -> None:
+    """Composite a stretch of constant value [world]."""
+    if band > 0 and value == bands.edges[band]:
+        band = bands.plateau[band - 1]
+    low, high = bands.edges[band], bands.edges[band + 1]
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return  # outside every control point
+    weight = (value - low) / (high - low)
+    extinction = bands.extinction[band, 0] + weight * (bands.extinction[band, 1] - bands.extinction[band, 0])
+    _attenuate(walk, extinction * length, bands.color[band], weight)
+
+
+@compiled
+def absorb(
+    walk: F64,
+    band: int,
+    cubic: tuple[float, float, float, float],
+    length: float,
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+) -> None:
+    """Composite a stretch of a ray inside one band, along which the value is a cubic."""
+    front, back = bands.extinction[band, 0], bands.extinction[band, 1]
+    if (front == 0.0 and back == 0.0) or length <= 0.0:
+        return
+    low = bands.edges[band]
+    scale = 1.0 / (bands.edges[band + 1] - low)
+    w0, w1 = (cubic[0] - low) * scale, (cubic[1] - low) * scale
+    w2, w3 = (cubic[2] - low) * scale, (cubic[3] - low) * scale
+    color = bands.color[band]
+    if color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]:
+        mean = 0.25 * (w0 + w1 + w2 + w3)
+        _attenuate(walk, length * (front + mean * (back - front)), color, 0.0)
+        return
+    thickest = rules.depth_limits[-1]
+    start, step = 0.0, 1.0 / panels
+    while start < 1.0 and walk[TRANSMITTANCE] >= OPAQUE:
+        end = min(1.0, start + step)
+        end = 1.0 if 1.0 - end < 1e-12 else end
+        part = cubic_part(w0, w1, w2, w3, start, end) if end - start < 1.0 else (w0, w1, w2, w3)
+        mean = 0.25 * (part[0] + part[1] + part[2] + part[3])
+        depth = (end - start) * length * (front + mean * (back - front))
+        if depth > thickest and step > 1e-14:
+            step *= max(0.1, min(0.7, 0.9 * thickest / depth))
+            continue
+        _absorb_panel(walk, band, part, (end - start) * length, max(depth, 0.0), bands, rules)
+        start = end
+        step = min(2.0 * step, 1.0 / panels)
+
+
+@compiled
+def _absorb_panel(
+    walk: F64,
+    band: int,
+    weights: tuple[float, float, float, float],
+    length: float,
+    depth: float,
+    bands: BandTable,
+    rules: PanelRules,
+) -> None:
+    """Composite a panel whose place in the band is a cubic: opacity in closed form, colour by quadrature."""
+    rule = 0
+    while rule < len(rules.depth_limits) - 1 and depth > rules.depth_limits[rule]:
+        rule += 1
+    w0, w1, w2, w3 = weights
+    front = bands.extinction[band, 0] * length
+    change = bands.extinction[band, 1] * length - front
+    toward_high = 0.0
+    for i in range(rules.node_counts[rule]):
+        basis, integral = rules.basis[rule, i], rules.integrals[rule, i]
+        w = w0 * basis[0] + w1 * basis[1] + w2 * basis[2] + w3 * basis[3]
+        w_sum = w0 * integral[0] + w1 * integral[1] + w2 * integral[2] + w3 * integral[3]
+        so_far = front * rules.nodes[rule, i] + change * w_sum
+        toward_high += rules.weights[rule, i] * w * (front + change * w) * math.exp(-so_far)
+    walk[PANELS] += 1.0
+    color = bands.color[band]
+    _composite(walk, -math.expm1(-depth), math.exp(-depth), color[0], color[1], toward_high)
+
+
+@compiled
+def _attenuate(walk: F64, depth: float, color: F64, weight: float) -> None:
+    """Composite a stretch of one colour: that at a place in a band, 0 at its lower end and 1 at its upper."""
+    opacity = -math.expm1(-max(depth, 0.0))
+    _composite(walk, opacity, math.exp(-max(depth, 0.0)), color[0], color[1], weight * opacity)
+
+
+@compiled
+def _composite(
+    walk: F64, opacity: float, transmitted: float, low: F64, high: F64, toward_high: float
+) -> None:
+    """Composite light of colour `low` and weight `opacity`, of which `toward_high` goes to colour `high`."""
+    through = walk[TRANSMITTANCE]
+    for channel in range(3):
+        light = low[channel] * opacity + (high[channel] - low[channel]) * toward_high
+        walk[channel] += through * light
+    walk[OPACITY] += through * opacity
+    walk[TRANSMITTANCE] = through * transmitted

@@ -1,0 +1,316 @@
+"""Marching a ray through the cells of a grid (3D-DDA), and on the way through the bands."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.integral.band_walk import (
+    OPAQUE,
+    PANELS,
+    TRANSMITTANCE,
+    WALK_SIZE,
+    band_above,
+    band_below,
+    cross_levels,
+    start_walk,
+    walk_cubic,
+)
+from isosample.integral.cell_cubic import cubic_between
+from isosample.integral.compiled import compiled
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from isosample.integral.band_table import BandTable, PanelRules
+
+F64 = npt.NDArray[np.float64]
+
+BLOCK_CELLS = 8  # cells per axis of the blocks that are skipped as a whole
+COUNT_NAMES = ("cells", "cells_without_extinction", "blocks_skipped", "cells_masked", "quadrature_panels")
+CELLS, UNSEEN, BLOCKS, MASKED, PANEL_COUNT = range(len(COUNT_NAMES))
+
+
+class CellGrid(NamedTuple):
+    """Samples and which blocks of cells can be seen.
+
+    Attributes
+    ----------
+    samples : (Z, Y, X) float32 or float64
+    base : float
+        Subtracted from every sample in float64.
+    visible : (BZ, BY, BX) bool
+        False where a block has neither extinction nor an isosurface.
+    """
+
+    samples: npt.NDArray[Any]
+    base: float
+    visible: npt.NDArray[np.bool_]
+
+
+@compiled
+def find_visible_blocks(
+    samples: npt.NDArray[Any],
+    base: float,
+    bands: BandTable,
+    shown: tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]],
+    visible: npt.NDArray[np.bool_],
+) -> None:
+    """Fill in `CellGrid.visible`; `shown`: which bands have extinction, which levels are isosurfaces."""
+    size_z, size_y, size_x = samples.shape
+    blocks_z, blocks_y, blocks_x = visible.shape
+    for z in range(blocks_z):
+        for y in range(blocks_y):
+            for x in range(blocks_x):
+                low, high = math.inf, -math.inf
+                for k in range(z * BLOCK_CELLS, min((z + 1) * BLOCK_CELLS + 1, size_z)):
+                    for j in range(y * BLOCK_CELLS, min((y + 1) * BLOCK_CELLS + 1, size_y)):
+                        for i in range(x * BLOCK_CELLS, min((x + 1) * BLOCK_CELLS + 1, size_x)):
+                            value = samples[k, j, i] - base
+                            if math.isfinite(value):
+                                low, high = min(low, value), max(high, value)
+                visible[z, y, x] = low <= high and _any_shown(low, high, bands.edges, shown)
+
+
+@compiled
+def _any_shown(
+    low: float, high: float, edges: F64, shown: tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
+) -> bool:
+    """Whether a closed range of values meets a band with extinction or an isosurface."""
+    first, last = band_below(edges, 0, low), band_above(edges, 0, high)
+    found = False
+    for band in range(first, last + 1):
+        found = found or shown[0][band] or (band < last and shown[1][band])
+    return found
+
+
+@compiled
+def integrate_ray_block(
+    grid: CellGrid,
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+    rays: tuple[F64, F64, F64],
+    rgba: F64,
+    counts: npt.NDArray[np.int64],
+) -> None:
+    """Integrate rays one after the other.
+
+    Parameters
+    ----------
+    grid, bands, rules, panels
+        See `integrate_rays`.
+    rays : origins (N, 3), directions (N, 3), intervals (N, 2)
+        In sample indices (x, y, z); the ray parameter stays in world units.
+    rgba : (N, 4) float64
+        Is filled in.
+    counts : (N, 5) int64
+        Is filled in, see ``COUNT_NAMES``.
+    """
+    origins, directions, intervals = rays
+    walk, corners = np.empty(WALK_SIZE), np.empty((2, 2, 2))
+    for ray in range(len(origins)):
+        start_walk(walk)
+        if intervals[ray, 0] < intervals[ray, 1]:
+            line = (origins[ray], directions[ray])
+            _march(walk, corners, grid, bands, rules, panels, line, intervals[ray], counts[ray])
+        for i in range(4):
+            rgba[ray, i] = walk[i]
+        counts[ray, PANEL_COUNT] = np.int64(walk[PANELS])
+
+
+@compiled
+def _march(
+    walk: F64,
+    corners: F64,
+    grid: CellGrid,
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+    line: tuple[F64, F64],
+    interval: F64,
+    counts: npt.NDArray[np.int64],
+) -> None:
+    """March one ray through the cells of its interval."""
+    origin, direction = line
+    cell, following = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    start, end = np.zeros(3), np.zeros(3)
+    t, stop = interval[0], interval[1]
+    find_cell(origin, direction, t, grid.samples.shape, cell)
+    inside, carried, band, value = False, False, 0, 0.0
+    while t < stop and walk[TRANSMITTANCE] >= OPAQUE:
+        seen = grid.visible[cell[2] // BLOCK_CELLS, cell[1] // BLOCK_CELLS, cell[0] // BLOCK_CELLS]
+        leave = min(_leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
+        valid = seen and leave > t and _load_cell(grid, cell, corners)
+        if valid:
+            counts[CELLS] += 1
+            if not inside:
+                band = band_above(bands.edges, band, corners[0, 0, 0])
+            if _invisible(corners, bands, band):
+                counts[UNSEEN] += 1
+                carried = False
+            else:
+                _place_in_cell(origin, direction, cell, t, start)
+                _place_in_cell(origin, direction, cell, leave, end)
+                b0, b1, b2, b3 = cubic_between(corners, start, end)
+                b0 = value if carried else b0  # the same number on both sides of a face
+                if not inside:
+                    band = band_above(bands.edges, band, b0)
+                band = walk_cubic(walk, band, (b0, b1, b2, b3), leave - t, bands, rules, panels)
+                carried, value = True, b3
+            inside = True
+        elif leave > t:
+            counts[MASKED if seen else BLOCKS] += 1
+            if inside and carried:
+                cross_levels(walk, band, band_above(bands.edges, band, value), bands)
+            inside, carried = False, False
+        if not seen:
+            find_cell(origin, direction, leave, grid.samples.shape, cell)
+        elif leave < stop:
+            cell[0], cell[1], cell[2] = following[0], following[1], following[2]
+        t = leave
+    if inside and carried and walk[TRANSMITTANCE] >= OPAQUE:
+        cross_levels(walk, band, band_above(bands.edges, band, value), bands)
+
+
+@compiled
+def plane_distance(origin: float, direction: float, plane: int) -> float:
+    """Ray parameter at a plane of samples; every place computes it by this one expression."""
+    return (plane - origin) / direction
+
+
+@compiled
+def find_cell(
+    origin: F64, direction: F64, t: float, shape: tuple[int, int, int], cell: npt.NDArray[np.int64]
+) -> None:
+    """Cell in which the ray goes on from `t`: (x, y, z), inside the grid.
+
+    At a plane of samples it is the cell behind the plane, judged by `plane_distance`, not by the position.
+    """
+    for axis in range(3):
+        last = shape[2 - axis] - 2
+        o, d = origin[axis], direction[axis]
+        i = min(max(math.floor(o + t * d), 0), last)
+        if d > 0.0:
+            while i < last and plane_distance(o, d, i + 1) <= t:
+                i += 1
+            while i > 0 and plane_distance(o, d, i) > t:
+                i -= 1
+        elif d < 0.0:
+            while i > 0 and plane_distance(o, d, i) <= t:
+                i -= 1
+            while i < last and plane_distance(o, d, i + 1) > t:
+                i += 1
+        cell[axis] = i
+
+
+@compiled
+def _leave_cell(
+    origin: F64,
+    direction: F64,
+    cell: npt.NDArray[np.int64],
+    cells: int,
+    following: npt.NDArray[np.int64],
+) -> float:
+    """Ray parameter where the ray leaves the cell, or its block of `cells`³; fills in the cell that follows.
+
+    Through an edge or a corner, all axes step at once. Where a block ends beyond the grid the parameter is
+    too large: the caller takes the end of the ray's interval.
+    """
+    leave = math.inf
+    for axis in range(3):
+        following[axis] = cell[axis]
+        if direction[axis] != 0.0:
+            first = cell[axis] - cell[axis] % cells
+            plane = first + cells if direction[axis] > 0.0 else first
+            leave = min(leave, plane_distance(origin[axis], direction[axis], plane))
+    for axis in range(3):
+        if direction[axis] != 0.0:
+            step = 1 if direction[axis] > 0.0 else -1
+            plane = cell[axis] + (1 if step > 0 else 0)
+            if plane_distance(origin[axis], direction[axis], plane) == leave:
+                following[axis] += step
+    return leave
+
+
+@compiled
+def _place_in_cell(origin: F64, direction: F64, cell: npt.NDArray[np.int64], t: float, place: F64) -> None:
+    """Position in the cell, in [0, 1]; exactly 0 or 1 on the planes of samples."""
+    for axis in range(3):
+        o, d = origin[axis], direction[axis]
+        if d != 0.0 and t == plane_distance(o, d, cell[axis]):
+            place[axis] = 0.0
+        elif d != 0.0 and t == plane_distance(o, d, cell[axis] + 1):
+            place[axis] = 1.0
+        else:
+            place[axis] = min(max(o + t * d - cell[axis], 0.0), 1.0)
+
+
+@compiled
+def _load_cell(grid: CellGrid, cell: npt.NDArray[np.int64], corners: F64) -> bool:
+    """Fill in the eight samples, less the base; False if one of them is not finite."""
+    x, y, z = cell[0], cell[1], cell[2]
+    check = 0.0
+    for k in range(2):
+        for j in range(2):
+            for i in range(2):
+                value = grid.samples[z + k, y + j, x + i] - grid.base
+                corners[k, j, i] = value
+                check += 0.0 * value  # NaN for NaN and infinities
+    return check == 0.0
+
+
+@compiled
+def _invisible(corners: F64, bands: BandTable, band: int) -> bool:
+    """Whether all corners lie inside `band` and it has no extinction."""
+    if bands.extinction[band, 0] > 0.0 or bands.extinction[band, 1] > 0.0:
+        return False
+    low, high = bands.edges[band], bands.edges[band + 1]
+    for k in range(2):
+        for j in range(2):
+            for i in range(2):
+                if not low < corners[k, j, i] < high:
+                    return False
+    return True
+
+
+@compiled
+def integrate_piece_block(
+    pieces: tuple[npt.NDArray[np.int64], F64, F64],
+    bands: BandTable,
+    rules: PanelRules,
+    panels: int,
+    rgba: F64,
+) -> None:
+    """Integrate rays along which the field is given as consecutive cubics.
+
+    Parameters
+    ----------
+    pieces : first (N + 1,), coefficients (P, 4), lengths (P,)
+        Ray `r` has the pieces from ``first[r]`` up to ``first[r + 1]``; neighbours share their end values.
+    bands, rules, panels
+        See `integrate_rays`.
+    rgba : (N, 4) float64
+        Is filled in.
+    """
+    first, coefficients, lengths = pieces
+    walk = np.empty(WALK_SIZE)
+    for ray in range(len(first) - 1):
+        start_walk(walk)
+        band = 0
+        for piece in range(first[ray], first[ray + 1]):
+            b = coefficients[piece]
+            if piece == first[ray]:
+                band = band_above(bands.edges, band, b[0])
+            band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], bands, rules, panels)
+            if walk[TRANSMITTANCE] < OPAQUE:
+                break
+        if first[ray + 1] > first[ray] and walk[TRANSMITTANCE] >= OPAQUE:
+            cross_levels(
+                walk, band, band_above(bands.edges, band, coefficients[first[ray + 1] - 1, 3]), bands
+            )
+        for i in range(4):
+            rgba[ray, i] = walk[i]
