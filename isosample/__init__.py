@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Projection as Projection
     from isosample.rendering.camera import UpAxis as UpAxis
     from isosample.rendering.image import Image as Image
+    from isosample.rendering.pipeline import Renderer as Renderer
     from isosample.rendering.pipeline import render as render
     from isosample.rendering.pipeline import render_surfaces as render_surfaces
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
     from isosample.surfaces.extract import extract_meshes
+    from isosample.surfaces.extract import extract_surfaces as extract_surfaces
     from isosample.transfer.control_points import ControlPoint as ControlPoint
     from isosample.transfer.control_points import Isosurface as Isosurface
     from isosample.transfer.isovalues import plan_isovalues as plan_isovalues
@@ -49,11 +51,13 @@ _HOMES = {
     "Material": "rendering.settings",
     "Projection": "rendering.camera",
     "RenderSettings": "rendering.settings",
+    "Renderer": "rendering.pipeline",
     "SegmentRule": "integral.segment_rule",
     "TransferFunction": "transfer.transfer_function",
     "UpAxis": "rendering.camera",
     "Volume": "volume.grid",
     "extract": "surfaces.extract:extract_meshes",
+    "extract_surfaces": "surfaces.extract",
     "open_volume": "volume.readers",
     "plan_isovalues": "transfer.isovalues",
     "render": "rendering.pipeline",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from isosample.gl.context import shared_context
 from isosample.rendering.abuffer import ABuffer
@@ -120,17 +120,73 @@ def render_surfaces(
     OpenGLError
         If there is no usable OpenGL.
     """
-    width, height = check_size(size)
-    camera = camera or Camera.orbit(surfaces.geometry.box, aspect=width / height)
-    settings = settings or RenderSettings()
-    start = time.perf_counter()
-    scene = Scene.build(surfaces, plan)
-    seconds = dict(seconds or {}) | {"merge": time.perf_counter() - start}
-    ctx = shared_context()
-    with ABuffer(ctx, scene) as abuffer:
-        rgba, frame = abuffer.render(camera, (width, height), settings, _stage_progress(progress, "render"))
-        seconds |= abuffer.timer.seconds
-    return Image(rgba, statistics_of(ctx, surfaces, scene, frame, (width, height), seconds))
+    with Renderer(surfaces, plan, seconds=seconds) as renderer:
+        return renderer.render(camera=camera, size=size, settings=settings, progress=progress)
+
+
+class Renderer:
+    """Surfaces on the GPU, for as many pictures as you like: only the first one pays for the upload.
+
+    Parameters
+    ----------
+    surfaces : SurfaceSet
+        From `extract_surfaces` or a cache folder.
+    plan : IsovaluePlan
+        Its isovalues must be among those of the surfaces.
+    seconds : dict of str to float, optional
+        Seconds of earlier stages, for the statistics of the pictures.
+
+    Raises
+    ------
+    InputError
+        As `Scene.build`.
+    OpenGLError
+        If there is no usable OpenGL.
+
+    Notes
+    -----
+    Use as a context manager, or call `release`.
+    """
+
+    def __init__(
+        self, surfaces: SurfaceSet, plan: IsovaluePlan, *, seconds: dict[str, float] | None = None
+    ) -> None:
+        self._ctx = shared_context()
+        self._surfaces = surfaces
+        start = time.perf_counter()
+        self._scene = Scene.build(surfaces, plan)
+        self._seconds = dict(seconds or {}) | {"merge": time.perf_counter() - start}
+        self._abuffer = ABuffer(self._ctx, self._scene)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free everything on the GPU."""
+        self._abuffer.release()
+
+    def render(
+        self,
+        *,
+        camera: Camera | None = None,
+        size: tuple[int, int] = DEFAULT_SIZE,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+    ) -> Image:
+        """Render one picture; parameters and errors as `render_surfaces`."""
+        width, height = check_size(size)
+        camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
+        rgba, frame = self._abuffer.render(
+            camera, (width, height), settings or RenderSettings(), _stage_progress(progress, "render")
+        )
+        seconds = self._seconds | self._abuffer.timer.seconds
+        self._seconds = {}
+        self._abuffer.timer.seconds.clear()
+        stats = statistics_of(self._ctx, self._surfaces, self._scene, frame, (width, height), seconds)
+        return Image(rgba, stats)
 
 
 def statistics_of(
