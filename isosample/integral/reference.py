@@ -24,7 +24,7 @@ from isosample.integral.band_table import BandTable, PanelRules
 from isosample.integral.checks import last_axis
 
 if TYPE_CHECKING:
-    from isosample.integral.ray_cells import CellGrid
+    from isosample.integral.cell_grid import CellGrid
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
@@ -119,7 +119,7 @@ class ReferenceTracer:
         panels: int = 1,
     ) -> ReferenceTracer:
         """Prepare a volume and a transfer function; arguments and errors as `integrate_rays`."""
-        from isosample.integral.ray_cells import BLOCK_CELLS, CellGrid, find_visible_blocks
+        from isosample.integral.cell_grid import BLOCK_CELLS, CellGrid, find_visible_blocks
 
         if min(volume.size_xyz) < 2:
             raise InputError(
