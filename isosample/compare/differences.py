@@ -97,9 +97,8 @@ def percentile_error(
     if not 0.0 < percent <= 100.0:
         raise InputError(f"percent is {percent:g}; expected above 0 and up to 100, such as 99.9.")
     worst = _counted_differences(image, truth, pixels).max(axis=-1)
-    rank = math.ceil(
-        Fraction(str(percent)) * worst.size / 100
-    )  # the decimal as written: 99.9 % of 1000 is 999
+    # the decimal as written: 99.9 % of 1000 is 999
+    rank = math.ceil(Fraction(str(percent)) * worst.size / 100)
     return float(np.partition(worst, rank - 1)[rank - 1])
 
 

@@ -52,6 +52,23 @@ def test_ssim_of_greys_is_the_luminance_term(first: float, second: float) -> Non
     assert ssim(grey(first), grey(second), background=BLACK) == pytest.approx(expected, abs=1e-11)
 
 
+def test_ssim_is_that_of_the_paper_in_a_picture_of_one_window() -> None:
+    # Wang et al. 2004, eq. 13 to 16, summed directly: Gaussian weights of sum 1, population covariance
+    rng = np.random.default_rng(11)
+    image, truth = (np.concatenate([rng.random((11, 11, 3)), np.ones((11, 11, 1))], axis=-1) for _ in "ab")
+    bell = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+    weight = np.outer(bell, bell) / bell.sum() ** 2
+    scores = []
+    for channel in range(3):
+        x, y = (np.vectorize(srgb)(picture[..., channel]) for picture in (image, truth))
+        mean_x, mean_y = (weight * x).sum(), (weight * y).sum()
+        dx, dy = x - mean_x, y - mean_y
+        luminance = (2 * mean_x * mean_y + 1e-4) / (mean_x**2 + mean_y**2 + 1e-4)
+        structure = (2 * (weight * dx * dy).sum() + 9e-4) / ((weight * (dx**2 + dy**2)).sum() + 9e-4)
+        scores.append(luminance * structure)
+    assert ssim(image, truth, background=BLACK) == pytest.approx(np.mean(scores), rel=1e-11)
+
+
 def test_ssim_of_an_inverted_texture_is_negative() -> None:
     texture = np.random.default_rng(3).choice([0.2, 0.8], (32, 32, 1)) * np.ones(4)
     texture[..., 3] = 1.0

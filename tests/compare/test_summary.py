@@ -83,6 +83,16 @@ def test_saturated_pixels_are_counted_where_they_count() -> None:
     assert summarise(image, truth, background=BLACK, pixels=Pixels.VISIBLE).saturated_pixels == 1
 
 
+def test_the_summarised_step_is_of_the_pixels_that_count() -> None:
+    # every visible pair, at the outline too, jumps by 1/4 or 1/2 in the truth and half of it in the picture; the
+    # pairs of the empty surround do not jump at all
+    checks = (1 + np.indices((16, 16)).sum(axis=0) % 2)[..., None] * np.full(4, 0.25)
+    truth = np.pad(checks, ((8, 8), (8, 8), (0, 0)))
+    assert summarise(0.5 * truth, truth, background=BLACK).tangent_step == 0.0
+    visible = summarise(0.5 * truth, truth, background=BLACK, pixels=Pixels.VISIBLE)
+    assert visible.tangent_step == -0.125
+
+
 def test_a_summary_refuses_what_a_measure_refuses() -> None:
     image, truth = random_picture(1), random_picture(2)
     with pytest.raises(InputError, match="peak is 0"):
