@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import BinaryIO
+from isosample.files import replacing
 
 IMAGE_SUFFIXES = (".png", ".npy")
 
@@ -61,12 +57,14 @@ class Image:
         """
         path = Path(path)
         check_image_path(path)
-        if path.suffix.lower() == ".npy":
-            return write_atomically(path, lambda file: np.save(file, self.rgba, allow_pickle=False))
-        import PIL.Image
+        with replacing(path) as file:
+            if path.suffix.lower() == ".npy":
+                np.save(file, self.rgba, allow_pickle=False)
+            else:
+                import PIL.Image
 
-        picture = PIL.Image.fromarray(self.srgb8(), mode=None)
-        return write_atomically(path, lambda file: picture.save(file, format="PNG"))
+                PIL.Image.fromarray(self.srgb8()).save(file, format="PNG")
+        return path
 
 
 def srgb_from_linear(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -80,16 +78,3 @@ def check_image_path(path: Path) -> None:
     """Raise `InputError` unless `path` has a known suffix, so that a long run does not end in one."""
     if path.suffix.lower() not in IMAGE_SUFFIXES:
         raise InputError(f"cannot write {path}: unknown image suffix {path.suffix!r}; use .png or .npy.")
-
-
-def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> Path:
-    """Write a file through a temporary one in the same folder; raise `InputError` if that fails."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("wb") as file:
-            write(file)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"cannot write {path}: {error.strerror or error}. Choose another path.") from error
-    return path

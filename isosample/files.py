@@ -1,0 +1,55 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import uuid
+from typing import IO, TYPE_CHECKING
+
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from isosample.errors import IsosampleError
+
+
+@contextlib.contextmanager
+def replacing(
+    path: Path, *, error_class: type[IsosampleError] = InputError, make_folder: bool = False
+) -> Iterator[IO[bytes]]:
+    """Open a file that takes the place of `path` when the block ends well, and vanishes otherwise.
+
+    Parameters
+    ----------
+    path : Path
+        The file to be. What stands there stays until the block has ended well.
+    error_class : class
+        What to raise if the folder or the file cannot be written.
+    make_folder : bool
+        Make the folder if it is absent.
+
+    Yields
+    ------
+    file : binary file
+        A temporary one in the same folder.
+
+    Raises
+    ------
+    error_class
+        If the file cannot be written; the message names it and the reason.
+    """
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            yield file
+        os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
+    except OSError as error:
+        raise error_class(f"cannot write {path}: {error.strerror or error}. Choose another path.") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
