@@ -49,7 +49,9 @@ def replacing(
             yield file
         os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
     except OSError as error:
-        raise error_class(f"cannot write {path}: {error.strerror or error}. Choose another path.") from error
+        raise error_class(
+            f"{path} cannot be written: {error.strerror or error}. Choose another path."
+        ) from error
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
-import uuid
 import zipfile
 import zlib
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CacheError
+from isosample.files import replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
 FORMAT_VERSION = 1
@@ -29,33 +27,11 @@ _ARCHIVE_ERRORS = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfil
 Arrays = dict[str, npt.NDArray[np.generic]]
 
 
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file that takes the place of `path` when the block ends well, and vanishes otherwise.
-
-    Raises
-    ------
-    CacheError
-        If the folder or the file cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("xb") as file:
-            yield file
-        os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
-    except OSError as error:
-        raise CacheError(f"{path} cannot be written: {error.strerror}. Choose another folder.") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
-
-
 def write_json(path: Path, kind: str, entries: Mapping[str, Any]) -> None:
     """Write entries with the format's name and version and a digest of them all."""
     document = {"format": f"isosample {kind}", "version": FORMAT_VERSION, **entries}
     document["sha256"] = _json_digest(document)
-    with replacing(path) as file:
+    with replacing(path, error_class=CacheError, make_folder=True) as file:
         file.write((json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
 
 
@@ -90,7 +66,7 @@ def write_arrays(path: Path, header: Mapping[str, Any], arrays: Arrays) -> str:
     """Write arrays behind a header, and return the digest of the arrays."""
     digest = _arrays_digest(arrays)
     text = json.dumps({"version": FORMAT_VERSION, **header, "payload_sha256": digest})
-    with replacing(path) as file:
+    with replacing(path, error_class=CacheError, make_folder=True) as file:
         np.savez(file, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)  # type: ignore[arg-type]
     return digest
 

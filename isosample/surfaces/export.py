@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.errors import InputError
+from isosample.files import replacing
 
 if TYPE_CHECKING:
     from isosample.surfaces.mesh import Mesh
@@ -49,15 +48,5 @@ def export_mesh(mesh: Mesh, path: str | Path) -> None:
         suffix, {"include_normals": True}
     )
     content: Any = shape.export(file_type=suffix[1:], **options)
-    _write(path, content.encode() if isinstance(content, str) else content)
-
-
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}. Choose another place.") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with replacing(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
