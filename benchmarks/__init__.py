@@ -1,0 +1,1 @@
+"""Programs that measure. Never imported by the package, never asserted on."""

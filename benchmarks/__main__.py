@@ -1,0 +1,33 @@
+"""Runs every benchmark and writes benchmarks/RESULTS.md: python -m benchmarks [--quick]."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks import bench_abuffer, bench_extract, bench_startup
+from benchmarks.machine import describe_machine
+
+RESULTS = Path(__file__).parent / "RESULTS.md"
+
+
+def main() -> None:
+    """Run all, print the page, and keep it."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions; prints only, keeps no page")
+    quick = parser.parse_args().quick
+    parts = [
+        "# Results\n",
+        "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n",
+        describe_machine(),
+    ]
+    for program in (bench_startup, bench_extract, bench_abuffer):
+        parts.append(program.report(quick=quick))
+        print(parts[-1], flush=True)
+    if not quick:
+        RESULTS.write_text("\n".join(parts), encoding="utf-8")
+        print(f"written to {RESULTS}")
+
+
+if __name__ == "__main__":
+    main()
