@@ -18,6 +18,7 @@ from isosample.integral.reference import (
     box_intervals,
     checked_rays,
     clipped,
+    offset_of,
     run_in_blocks,
 )
 
@@ -138,10 +139,10 @@ def _unit_from_world(box: Box) -> F64:
 
 
 def _centred_bands(transfer_function: TransferFunction) -> tuple[float, BandTable]:
-    """Middle of the transfer function's levels, and its bands less that."""
+    """What to subtract from the field, and the bands less that."""
     values = [point.value for point in transfer_function.points]
     values += [surface.value for surface in transfer_function.isosurfaces]
-    base = 0.5 * min(values) + 0.5 * max(values)
+    base = offset_of(min(values), max(values))
     return base, BandTable.from_transfer_function(transfer_function, base)
 
 

@@ -128,8 +128,7 @@ class ReferenceTracer:
         if panels < 1:
             raise InputError(f"panels {panels} must be a whole number >= 1.")
         samples = _floating(volume.array)
-        low, high = volume.value_range
-        base = 0.5 * low + 0.5 * high
+        base = offset_of(*volume.value_range)
         bands = BandTable.from_transfer_function(transfer_function, base)
         visible = np.zeros([-(-(n - 1) // BLOCK_CELLS) for n in samples.shape], dtype=np.bool_)
         shown = (bands.extinction.max(axis=1) > 0, bands.level_visible)
@@ -177,6 +176,11 @@ class ReferenceTracer:
 
         run_in_blocks(work, len(o), progress)
         return rgba, counts
+
+
+def offset_of(low: float, high: float) -> float:
+    """What to subtract from values so that rounding is relative to their range; 0 where 0 is near them."""
+    return 0.5 * low + 0.5 * high if max(low, -high) > high - low else 0.0
 
 
 def checked_rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[F64, F64]:

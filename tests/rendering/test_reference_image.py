@@ -1,0 +1,131 @@
+"""The reference picture: its conventions are those of the A-buffer, whose pictures it equals where they are exact."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from isosample.errors import InputError
+from isosample.rendering.camera import Camera
+from isosample.rendering.pipeline import render
+from isosample.rendering.reference_image import render_reference
+from isosample.rendering.settings import ClipPlane, Material, RenderSettings
+from isosample.transfer.control_points import Isosurface
+from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.grid import Volume
+from rendering.scenes import picture, ramp_tf
+from rendering.test_closed_forms import (
+    KINDS,
+    SIZE,
+    camera_of,
+    gamma,
+    ramp_picture,
+    ramp_volume,
+    sphere_volume,
+)
+
+if TYPE_CHECKING:
+    import moderngl
+
+BACKGROUND = (0.5, 0.25, 0.125, 0.75)
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (1.0, 1.0, 10.0)], ids=["isotropic", "1:1:10"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_linear_field_looks_as_in_the_data_centric_picture(
+    gl: moderngl.Context, kind: str, spacing: tuple[float, float, float]
+) -> None:
+    volume, gradient = ramp_volume(spacing, 0.0)
+    camera = camera_of(kind, volume)
+    normal = np.array([1.0, 0.3, -0.2])
+    plane = (*normal.tolist(), float(0.1 - normal @ volume.box.centre))
+    tf = ramp_tf(*volume.value_range, (0.02, 0.3))
+    for planes in ([], [plane]):
+        cuts = tuple(ClipPlane(*numbers) for numbers in planes)
+        settings = RenderSettings(background=BACKGROUND, clip_planes=cuts)
+        exact = render_reference(volume, tf, camera=camera, size=SIZE, settings=settings).rgba
+        _, tolerance = ramp_picture(volume, gradient, tf, camera, planes)
+        rgba, _ = picture(gl, volume, tf, camera, SIZE, background=BACKGROUND, clip_planes=cuts)
+        error = np.abs(rgba - exact).max(axis=-1)
+        assert np.all(error <= 2.0 * tolerance + gamma(4)), f"{error.max():.1e}"  # and the background behind
+        assert exact[..., 3].max() > 0.8
+
+
+def test_impulse_surfaces_cover_the_pixels_of_the_data_centric_picture(gl: moderngl.Context) -> None:
+    """Meshes and trilinear isosurfaces of a sphere differ by a sag of e² / 8r: only in pixels at silhouettes."""
+    volume = sphere_volume(0.0, (1.0, 1.0, 1.0))
+    surfaces = [Isosurface(4.0, (1.0, 0.0, 0.0), 0.5), Isosurface(9.0, (0.0, 0.0, 1.0), 0.3)]
+    tf = TransferFunction([], surfaces)
+    for kind in ("orthographic", "perspective", "inside"):
+        camera = camera_of(kind, volume)
+        exact = render_reference(volume, tf, camera=camera, size=(64, 64)).rgba
+        rgba, _ = picture(gl, volume, tf, camera, (64, 64))
+        differs = np.abs(rgba - exact).max(axis=-1) > gamma(18)
+        # A sag of 3 / 32 of the inner sphere, 3 / 72 of the outer, on circles of radius 4 and 9 in a window of
+        # 2 · 20.8: 64 · 64 · 2π (4 · 0.094 + 9 · 0.042) / 41.6² = 11 pixels; twice that in perspective.
+        assert differs.sum() <= 25, kind
+        assert exact[..., 3].max() > 0.6
+
+
+def test_a_hole_of_nan_looks_as_in_the_data_centric_picture(gl: moderngl.Context) -> None:
+    whole, _ = ramp_volume((1.0, 1.0, 2.0), 0.0)
+    samples = whole.array.copy()
+    samples[5, 3, 4] = np.nan
+    volume = Volume(samples, spacing=whole.spacing, origin=whole.origin)
+    tf = ramp_tf(*volume.value_range, (0.05, 0.3))
+    camera = camera_of("perspective", volume)
+    exact = render_reference(volume, tf, camera=camera, size=SIZE, nan_masked=True)
+    rgba = render(volume, tf, camera=camera, size=SIZE, nan_masked=True).rgba
+    # As in test_masked: float32 distances, and pixels whose centre is at the hole's edge.
+    _, directions = camera.rays(SIZE[0] / SIZE[1]).origins_and_directions(*SIZE)
+    reach = float(np.linalg.norm(np.asarray(camera.eye) - volume.box.centre)) + volume.box.radius
+    cosine = np.where(np.abs(directions) > 1e-9, np.abs(directions), 1.0).min(axis=-1)
+    tolerance = 1.1e-6 + gamma(34) + 4 * 0.3 * (gamma(12) * reach / cosine + 2.0**-18 * reach)
+    wrong = np.abs(rgba - exact.rgba).max(axis=-1) > tolerance
+    assert wrong.mean() < 4 * 2 / 256, f"{wrong.sum()} pixels"
+    assert exact.stats["skipped"]["cells_masked"] > 0
+    with pytest.raises(InputError, match=r"1 NaN and 0 infinite samples.*--nan masked"):
+        render_reference(volume, tf, camera=camera, size=SIZE)
+
+
+def test_more_isovalues_bring_the_data_centric_picture_closer(gl: moderngl.Context) -> None:
+    """The rest is the flat mesh's: 8 isovalues per slope are closer than 1, and not below the reference's own."""
+    volume = sphere_volume(0.0, (1.0, 1.0, 1.0))
+    tf = ramp_tf(3.0, 10.0, (0.0, 0.4))
+    camera = Camera.orbit(volume.box, azimuth=33, elevation=21)
+    exact = render_reference(volume, tf, camera=camera, size=(48, 48)).rgba
+    errors = []
+    for per_slope in (1, 8):
+        rgba, _ = picture(gl, volume, tf, camera, (48, 48), per_slope=per_slope)
+        errors.append(float(np.sqrt(np.mean((rgba - exact) ** 2))))
+    assert 1e-6 < errors[1] < 0.5 * errors[0] < 0.02
+
+
+def test_statistics_say_what_the_picture_cost() -> None:
+    volume, _ = ramp_volume((1.0, 1.0, 1.0), 0.0)
+    tf = ramp_tf(*volume.value_range, (0.05, 0.3))
+    seen: list[tuple[str, int, int]] = []
+    image = render_reference(
+        volume, tf, size=(20, 10), progress=lambda stage, done, total: seen.append((stage, done, total))
+    )
+    assert image.rgba.shape == (10, 20, 4)
+    assert image.rgba.dtype == np.float32
+    assert seen == [("render", 200, 200)]
+    stats = image.stats
+    assert stats["method"] == "reference"
+    assert stats["size"] == [20, 10]
+    assert set(stats["seconds"]) == {"prepare", "render"}
+    assert stats["isovalues"] == pytest.approx(volume.value_range)
+    assert stats["cells_visited"] == pytest.approx(200 * stats["samples_per_ray"]["mean"])
+    assert stats["samples_per_ray"]["max"] >= 6
+    assert stats["lost_fragments"] == 0
+
+
+def test_shading_is_refused() -> None:
+    volume, _ = ramp_volume((1.0, 1.0, 1.0), 0.0)
+    with pytest.raises(InputError, match="no shading"):
+        render_reference(
+            volume, ramp_tf(0.0, 1.0, (0.1, 0.2)), size=(4, 4), settings=RenderSettings(material=Material())
+        )
