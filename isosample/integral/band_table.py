@@ -131,6 +131,22 @@ class PanelRules(NamedTuple):
         return cls(limits, np.array(NODE_COUNTS), nodes, weights, basis, integrals)
 
 
+class Optics(NamedTuple):
+    """All that a walk along a ray asks about the transfer function and the quadrature.
+
+    Attributes
+    ----------
+    bands : BandTable
+    rules : PanelRules
+    panels : int
+        Every quadrature panel is divided into so many more.
+    """
+
+    bands: BandTable
+    rules: PanelRules
+    panels: int
+
+
 def _bernstein(x: F64, degree: int) -> F64:
     """(N, degree + 1) float64, the Bernstein polynomials of a degree at `x`."""
     columns = [math.comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]

@@ -16,7 +16,7 @@ from isosample.integral.cell_cubic import cubic_extrema, cubic_part, cubic_root,
 from isosample.integral.compiled import compiled
 
 if TYPE_CHECKING:
-    from isosample.integral.band_table import BandTable, PanelRules
+    from isosample.integral.band_table import BandTable, Optics
 
 F64 = npt.NDArray[np.float64]
 
@@ -61,24 +61,21 @@ def walk_cubic(
     band: int,
     cubic: tuple[float, float, float, float],
     length: float,
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    optics: Optics,
 ) -> int:
     """Walk along a cubic of the given length [world]; return the band at its end."""
     b0, b1, b2, b3 = cubic
+    edges = optics.bands.edges
     low, high = min(min(b0, b1), min(b2, b3)), max(max(b0, b1), max(b2, b3))
-    if bands.edges[band] < low and high < bands.edges[band + 1]:
-        absorb(walk, band, cubic, length, bands, rules, panels)
+    if edges[band] < low and high < edges[band + 1]:
+        absorb(walk, band, cubic, length, optics)
         return band
     count, first, second = cubic_extrema(b0, b1, b2, b3)
     start, start_value = 0.0, b0
     for piece in range(count + 1):
         end = first if piece == 0 and count > 0 else (second if piece == 1 and count > 1 else 1.0)
         end_value = cubic_value(b0, b1, b2, b3, end)
-        band = _walk_monotone(
-            walk, band, cubic, (start, end), (start_value, end_value), length, bands, rules, panels
-        )
+        band = _walk_monotone(walk, band, cubic, (start, end, start_value, end_value), length, optics)
         start, start_value = end, end_value
     return band
 
@@ -88,36 +85,34 @@ def _walk_monotone(
     walk: F64,
     band: int,
     cubic: tuple[float, float, float, float],
-    places: tuple[float, float],
-    values: tuple[float, float],
+    piece: tuple[float, float, float, float],
     length: float,
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    optics: Optics,
 ) -> int:
-    """Walk along a monotone piece of a cubic, from level to level."""
-    start, end = places
-    if values[0] == values[1]:
-        band = cross_levels(walk, band, band_above(bands.edges, band, values[0]), bands)
-        absorb_plateau(walk, band, values[0], (end - start) * length, bands)
+    """Walk along a monotone piece of a cubic (start, end, value at the start, at the end), level by level."""
+    start, end, start_value, end_value = piece
+    bands = optics.bands
+    if start_value == end_value:
+        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands)
+        absorb_plateau(walk, band, start_value, (end - start) * length, bands)
         return band
-    rising = values[0] < values[1]
+    rising = start_value < end_value
     if rising:
-        band = cross_levels(walk, band, band_above(bands.edges, band, values[0]), bands)
-        last = band_below(bands.edges, band, values[1])
+        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands)
+        last = band_below(bands.edges, band, end_value)
     else:
-        band = cross_levels(walk, band, band_below(bands.edges, band, values[0]), bands)
-        last = band_above(bands.edges, band, values[1])
+        band = cross_levels(walk, band, band_below(bands.edges, band, start_value), bands)
+        last = band_above(bands.edges, band, end_value)
     b0, b1, b2, b3 = cubic
     while band != last:
         level = bands.edges[band + 1] if rising else bands.edges[band]
         root = cubic_root(b0, b1, b2, b3, level, start, end, rising)
         part = cubic_part(b0, b1, b2, b3, start, root)
-        absorb(walk, band, part, (root - start) * length, bands, rules, panels)
+        absorb(walk, band, part, (root - start) * length, optics)
         band = cross_levels(walk, band, band + 1 if rising else band - 1, bands)
         start = root
     part = cubic_part(b0, b1, b2, b3, start, end)
-    absorb(walk, band, part, (end - start) * length, bands, rules, panels)
+    absorb(walk, band, part, (end - start) * length, optics)
     return band
 
 
@@ -153,11 +148,10 @@ def absorb(
     band: int,
     cubic: tuple[float, float, float, float],
     length: float,
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    optics: Optics,
 ) -> None:
     """Composite a stretch of a ray inside one band, along which the value is a cubic."""
+    bands, rules, panels = optics
     front, back = bands.extinction[band, 0], bands.extinction[band, 1]
     if (front == 0.0 and back == 0.0) or length <= 0.0:
         return
@@ -181,7 +175,7 @@ def absorb(
         if depth > thickest and step > 1e-14:
             step *= max(0.1, min(0.7, 0.9 * thickest / depth))
             continue
-        _absorb_panel(walk, band, part, (end - start) * length, max(depth, 0.0), bands, rules)
+        _absorb_panel(walk, band, part, (end - start) * length, max(depth, 0.0), optics)
         start = end
         step = min(2.0 * step, 1.0 / panels)
 
@@ -193,10 +187,10 @@ def _absorb_panel(
     weights: tuple[float, float, float, float],
     length: float,
     depth: float,
-    bands: BandTable,
-    rules: PanelRules,
+    optics: Optics,
 ) -> None:
     """Composite a panel whose place in the band is a cubic: opacity in closed form, colour by quadrature."""
+    bands, rules = optics.bands, optics.rules
     rule = 0
     while rule < len(rules.depth_limits) - 1 and depth > rules.depth_limits[rule]:
         rule += 1

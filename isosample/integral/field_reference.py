@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.integral.band_table import BandTable, PanelRules
+from isosample.integral.band_table import BandTable, Optics, PanelRules
 from isosample.integral.reference import (
     DEFAULT_TOLERANCE,
     box_intervals,
@@ -109,12 +109,12 @@ def integrate_field_rays(
     the error of the field divided by its slope, so that the error grows where a ray nearly touches them.
     """
     starts, ways = checked_rays(origins, directions)
-    rules = PanelRules.for_tolerance(tolerance)
     matrix, last = _unit_from_world(box), np.ones(3)
     intervals = box_intervals((starts - box.corner) @ matrix.T, ways @ matrix.T, last)
     intervals = clipped(intervals, starts, ways, clip_planes)
     base, bands = _centred_bands(transfer_function)
     reach = float(np.linalg.norm(box.edges, axis=1).sum())
+    optics = Optics(bands, PanelRules.for_tolerance(tolerance), 1)
     agreement = tolerance / _sensitivity(bands, reach)
     rgba = np.zeros((len(starts), 4))
 
@@ -125,7 +125,7 @@ def integrate_field_rays(
         pieces = _resolved_pieces(field, base, line, intervals[rows], agreement)
         first = np.searchsorted(pieces.ray, np.arange(len(line[0]) + 1))
         lengths = np.ascontiguousarray(pieces.ends[:, 1] - pieces.ends[:, 0])
-        integrate_piece_block((first, _bernstein(pieces), lengths), bands, rules, 1, rgba[rows])
+        integrate_piece_block((first, _bernstein(pieces), lengths), optics, rgba[rows])
 
     run_in_blocks(work, len(starts), progress)
     return rgba

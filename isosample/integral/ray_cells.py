@@ -23,31 +23,32 @@ from isosample.integral.cell_grid import BLOCK_CELLS
 from isosample.integral.compiled import compiled
 
 if TYPE_CHECKING:
-    from isosample.integral.band_table import BandTable, PanelRules
+    from isosample.integral.band_table import BandTable, Optics
     from isosample.integral.cell_grid import CellGrid
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+State = tuple[int, int, float]  # what is known about the field where the march is; band; value
 
 COUNT_NAMES = ("cells", "cells_without_extinction", "blocks_skipped", "cells_masked", "quadrature_panels")
+OUTSIDE, BAND_KNOWN, VALUE_KNOWN = range(3)
 CELLS, UNSEEN, BLOCKS, MASKED, PANEL_COUNT = range(len(COUNT_NAMES))
 
 
 @compiled
 def integrate_ray_block(
     grid: CellGrid,
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    optics: Optics,
     rays: tuple[F64, F64, F64],
     rgba: F64,
-    counts: npt.NDArray[np.int64],
+    counts: I64,
 ) -> None:
     """Integrate rays one after the other.
 
     Parameters
     ----------
-    grid, bands, rules, panels
-        See `integrate_rays`.
+    grid, optics
+        The volume and the transfer function.
     rays : origins (N, 3), directions (N, 3), intervals (N, 2)
         In sample indices (x, y, z); the ray parameter stays in world units.
     rgba : (N, 4) float64
@@ -56,12 +57,12 @@ def integrate_ray_block(
         Is filled in, see ``COUNT_NAMES``.
     """
     origins, directions, intervals = rays
-    walk, corners = np.empty(WALK_SIZE), np.empty((2, 2, 2))
+    walk, scratch = np.empty(WALK_SIZE), (np.empty((2, 2, 2)), np.empty((2, 3)))
     for ray in range(len(origins)):
         start_walk(walk)
         if intervals[ray, 0] < intervals[ray, 1]:
             line = (origins[ray], directions[ray])
-            _march(walk, corners, grid, bands, rules, panels, line, intervals[ray], counts[ray])
+            _march(walk, scratch, grid, optics, line, intervals[ray], counts[ray])
         for i in range(4):
             rgba[ray, i] = walk[i]
         counts[ray, PANEL_COUNT] = np.int64(walk[PANELS])
@@ -70,55 +71,79 @@ def integrate_ray_block(
 @compiled
 def _march(
     walk: F64,
-    corners: F64,
+    scratch: tuple[F64, F64],
     grid: CellGrid,
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    optics: Optics,
     line: tuple[F64, F64],
     interval: F64,
-    counts: npt.NDArray[np.int64],
+    counts: I64,
 ) -> None:
     """March one ray through the cells of its interval."""
     origin, direction = line
     cell, following = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
-    start, end = np.zeros(3), np.zeros(3)
     t, stop = interval[0], interval[1]
     find_cell(origin, direction, t, grid.samples.shape, cell)
-    inside, carried, band, value = False, False, 0, 0.0
+    state = _nowhere()
     while t < stop and walk[TRANSMITTANCE] >= OPAQUE:
         seen = grid.visible[cell[2] // BLOCK_CELLS, cell[1] // BLOCK_CELLS, cell[0] // BLOCK_CELLS]
         leave = min(_leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
-        valid = seen and leave > t and _load_cell(grid, cell, corners)
-        if valid:
-            counts[CELLS] += 1
-            if not inside:
-                band = band_above(bands.edges, band, corners[0, 0, 0])
-            if _invisible(corners, bands, band):
-                counts[UNSEEN] += 1
-                carried = False
+        if leave > t:
+            if seen and _load_cell(grid, cell, scratch[0]):
+                state = _walk_cell(walk, scratch, optics, line, cell, (t, leave), state, counts)
             else:
-                _place_in_cell(origin, direction, cell, t, start)
-                _place_in_cell(origin, direction, cell, leave, end)
-                b0, b1, b2, b3 = cubic_between(corners, start, end)
-                b0 = value if carried else b0  # the same number on both sides of a face
-                if not inside:
-                    band = band_above(bands.edges, band, b0)
-                band = walk_cubic(walk, band, (b0, b1, b2, b3), leave - t, bands, rules, panels)
-                carried, value = True, b3
-            inside = True
-        elif leave > t:
-            counts[MASKED if seen else BLOCKS] += 1
-            if inside and carried:
-                cross_levels(walk, band, band_above(bands.edges, band, value), bands)
-            inside, carried = False, False
+                counts[MASKED if seen else BLOCKS] += 1
+                state = _leave_field(walk, optics, state)
         if not seen:
             find_cell(origin, direction, leave, grid.samples.shape, cell)
         elif leave < stop:
             cell[0], cell[1], cell[2] = following[0], following[1], following[2]
         t = leave
-    if inside and carried and walk[TRANSMITTANCE] >= OPAQUE:
-        cross_levels(walk, band, band_above(bands.edges, band, value), bands)
+    _leave_field(walk, optics, state)
+
+
+@compiled
+def _nowhere() -> State:
+    """Return the state before the first cell."""
+    return OUTSIDE, 0, 0.0
+
+
+@compiled
+def _walk_cell(
+    walk: F64,
+    scratch: tuple[F64, F64],
+    optics: Optics,
+    line: tuple[F64, F64],
+    cell: I64,
+    between: tuple[float, float],
+    state: State,
+    counts: I64,
+) -> State:
+    """Walk through one cell whose corners are loaded; return what is known at its end."""
+    known, band, value = state
+    corners, ends = scratch
+    counts[CELLS] += 1
+    if known == OUTSIDE:
+        band = band_above(optics.bands.edges, band, corners[0, 0, 0])
+    if _invisible(corners, optics.bands, band):
+        counts[UNSEEN] += 1
+        return BAND_KNOWN, band, 0.0
+    for i in range(2):
+        _place_in_cell(line[0], line[1], cell, between[i], ends[i])
+    b0, b1, b2, b3 = cubic_between(corners, ends[0], ends[1])
+    b0 = value if known == VALUE_KNOWN else b0  # the same number on both sides of a face
+    if known == OUTSIDE:
+        band = band_above(optics.bands.edges, band, b0)
+    band = walk_cubic(walk, band, (b0, b1, b2, b3), between[1] - between[0], optics)
+    return VALUE_KNOWN, band, b3
+
+
+@compiled
+def _leave_field(walk: F64, optics: Optics, state: State) -> State:
+    """Cross the level on which the field ends, if it does: the level itself is inside."""
+    known, band, value = state
+    if known == VALUE_KNOWN and walk[TRANSMITTANCE] >= OPAQUE:
+        cross_levels(walk, band, band_above(optics.bands.edges, band, value), optics.bands)
+    return OUTSIDE, band, 0.0
 
 
 @compiled
@@ -128,9 +153,7 @@ def plane_distance(origin: float, direction: float, plane: int) -> float:
 
 
 @compiled
-def find_cell(
-    origin: F64, direction: F64, t: float, shape: tuple[int, int, int], cell: npt.NDArray[np.int64]
-) -> None:
+def find_cell(origin: F64, direction: F64, t: float, shape: tuple[int, int, int], cell: I64) -> None:
     """Cell in which the ray goes on from `t`: (x, y, z), inside the grid.
 
     At a plane of samples it is the cell behind the plane, judged by `plane_distance`, not by the position.
@@ -156,9 +179,9 @@ def find_cell(
 def _leave_cell(
     origin: F64,
     direction: F64,
-    cell: npt.NDArray[np.int64],
+    cell: I64,
     cells: int,
-    following: npt.NDArray[np.int64],
+    following: I64,
 ) -> float:
     """Ray parameter where the ray leaves the cell, or its block of `cells`³; fills in the cell that follows.
 
@@ -182,7 +205,7 @@ def _leave_cell(
 
 
 @compiled
-def _place_in_cell(origin: F64, direction: F64, cell: npt.NDArray[np.int64], t: float, place: F64) -> None:
+def _place_in_cell(origin: F64, direction: F64, cell: I64, t: float, place: F64) -> None:
     """Position in the cell, in [0, 1]; exactly 0 or 1 on the planes of samples."""
     for axis in range(3):
         o, d = origin[axis], direction[axis]
@@ -195,7 +218,7 @@ def _place_in_cell(origin: F64, direction: F64, cell: npt.NDArray[np.int64], t: 
 
 
 @compiled
-def _load_cell(grid: CellGrid, cell: npt.NDArray[np.int64], corners: F64) -> bool:
+def _load_cell(grid: CellGrid, cell: I64, corners: F64) -> bool:
     """Fill in the eight samples, less the base; False if one of them is not finite."""
     x, y, z = cell[0], cell[1], cell[2]
     check = 0.0
@@ -224,10 +247,8 @@ def _invisible(corners: F64, bands: BandTable, band: int) -> bool:
 
 @compiled
 def integrate_piece_block(
-    pieces: tuple[npt.NDArray[np.int64], F64, F64],
-    bands: BandTable,
-    rules: PanelRules,
-    panels: int,
+    pieces: tuple[I64, F64, F64],
+    optics: Optics,
     rgba: F64,
 ) -> None:
     """Integrate rays along which the field is given as consecutive cubics.
@@ -236,8 +257,8 @@ def integrate_piece_block(
     ----------
     pieces : first (N + 1,), coefficients (P, 4), lengths (P,)
         Ray `r` has the pieces from ``first[r]`` up to ``first[r + 1]``; neighbours share their end values.
-    bands, rules, panels
-        See `integrate_rays`.
+    optics
+        The transfer function.
     rgba : (N, 4) float64
         Is filled in.
     """
@@ -245,17 +266,16 @@ def integrate_piece_block(
     walk = np.empty(WALK_SIZE)
     for ray in range(len(first) - 1):
         start_walk(walk)
-        band = 0
+        state = _nowhere()
         for piece in range(first[ray], first[ray + 1]):
             b = coefficients[piece]
+            band = state[1]
             if piece == first[ray]:
-                band = band_above(bands.edges, band, b[0])
-            band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], bands, rules, panels)
+                band = band_above(optics.bands.edges, band, b[0])
+            band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], optics)
+            state = (VALUE_KNOWN, band, b[3])
             if walk[TRANSMITTANCE] < OPAQUE:
                 break
-        if first[ray + 1] > first[ray] and walk[TRANSMITTANCE] >= OPAQUE:
-            cross_levels(
-                walk, band, band_above(bands.edges, band, coefficients[first[ray + 1] - 1, 3]), bands
-            )
+        _leave_field(walk, optics, state)
         for i in range(4):
             rgba[ray, i] = walk[i]

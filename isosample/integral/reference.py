@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.integral.band_table import BandTable, PanelRules
+from isosample.integral.band_table import BandTable, Optics, PanelRules
 from isosample.integral.checks import last_axis
 
 if TYPE_CHECKING:
@@ -105,9 +105,7 @@ class ReferenceTracer:
 
     grid: CellGrid
     index_from_world: F64
-    bands: BandTable
-    rules: PanelRules
-    panels: int
+    optics: Optics
 
     @classmethod
     def build(
@@ -136,9 +134,7 @@ class ReferenceTracer:
         return cls(
             grid=CellGrid(samples, base, visible),
             index_from_world=np.asarray(np.linalg.inv(volume.world_from_index), dtype=np.float64),
-            bands=bands,
-            rules=PanelRules.for_tolerance(tolerance),
-            panels=int(panels),
+            optics=Optics(bands, PanelRules.for_tolerance(tolerance), int(panels)),
         )
 
     def integrate(
@@ -170,9 +166,7 @@ class ReferenceTracer:
 
         def work(rows: slice) -> None:
             rays = (o[rows], d[rows], intervals[rows])
-            integrate_ray_block(
-                self.grid, self.bands, self.rules, self.panels, rays, rgba[rows], counts[rows]
-            )
+            integrate_ray_block(self.grid, self.optics, rays, rgba[rows], counts[rows])
 
         run_in_blocks(work, len(o), progress)
         return rgba, counts

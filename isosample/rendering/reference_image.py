@@ -116,7 +116,7 @@ def _statistics(
         "method": "reference",
         "size": list(size),
         "seconds": {stage: round(spent, 6) for stage, spent in seconds.items()},
-        "isovalues": (tracer.bands.edges[1:-1] + tracer.grid.base).tolist(),
+        "isovalues": (tracer.optics.bands.edges[1:-1] + tracer.grid.base).tolist(),
         "triangles": {"extracted": 0, "drawn": 0},
         "fragments": 0,
         "max_depth_complexity": 0,
