@@ -31,11 +31,23 @@ struct Walk {
 
 Walk walk;
 
-// Colour lit by the normal of either end of a segment (`fallback` where the box cuts it), or as it is without one.
-vec3 lit(vec3 straight, uint normal, uint fallback) {
+// Normal at a part of the way between two crossings, so that the light does not jump where a cut passes a crossing; that
+// of the other end where the box has none (0). Zero where both have none, or where the two cancel.
+vec3 normal_between(uint front, uint back, float part) {
 #if SHADING
-    uint chosen = normal != 0u ? normal : fallback;
-    if (chosen != 0u) return blinn_phong(straight, unpack_normal(chosen), ray_direction, frame.material);
+    vec3 first = unpack_normal(front != 0u ? front : back);
+    vec3 last = unpack_normal(back != 0u ? back : front);
+    vec3 mixed = (front | back) != 0u ? mix(first, last, part) : vec3(0.0);
+    return mixed / max(length(mixed), 1e-6);
+#else
+    return vec3(0.0);
+#endif
+}
+
+// Colour lit by a normal, or as it is without one.
+vec3 lit(vec3 straight, vec3 normal) {
+#if SHADING
+    if (normal != vec3(0.0)) return blinn_phong(straight, normal, ray_direction, frame.material);
 #endif
     return straight;
 }
@@ -55,11 +67,15 @@ void advance(float distance, float position, uint normal) {
     if (band.extinction_max > 0.0 && end > start) {
         float span = distance - walk.distance;
         float length = end - start;
+        float part = (start - walk.distance) / span;
+        vec3 front_normal = normal_between(walk.normal, normal, part);
 #if SEGMENT_RULE == 2
-        vec4 front = mix(band.low, band.high, mix(walk.position, position, (start - walk.distance) / span));
-        vec4 back = mix(band.low, band.high, mix(walk.position, position, (end - walk.distance) / span));
+        float last_part = (end - walk.distance) / span;
+        vec3 back_normal = normal_between(walk.normal, normal, last_part);
+        vec4 front = mix(band.low, band.high, mix(walk.position, position, part));
+        vec4 back = mix(band.low, band.high, mix(walk.position, position, last_part));
         vec2 weights = segment_weights(front.a * length, back.a * length);
-        composite(weights.x * lit(front.rgb, walk.normal, normal) + weights.y * lit(back.rgb, normal, walk.normal),
+        composite(weights.x * lit(front.rgb, front_normal) + weights.y * lit(back.rgb, back_normal),
                   weights.x + weights.y);
 #else
         vec4 front = mix(band.low, band.high, walk.position);
@@ -70,7 +86,7 @@ void advance(float distance, float position, uint normal) {
 #else
         float opacity = opacity_from_depth(depth);
 #endif
-        composite(opacity * lit(front.rgb, walk.normal, normal), opacity);
+        composite(opacity * lit(front.rgb, front_normal), opacity);
 #endif
     }
     walk.distance = distance;
@@ -81,7 +97,7 @@ void advance(float distance, float position, uint normal) {
 void composite_impulse(int level, uint normal) {
     vec4 impulse = impulses[level];
     if (impulse.a == 0.0 || walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
-    composite(impulse.a * lit(impulse.rgb, normal, normal), impulse.a);
+    composite(impulse.a * lit(impulse.rgb, normal_between(normal, normal, 0.0)), impulse.a);
 }
 
 bool is_rising(Node node) { return (node.surface & RISING_BIT) != 0u; }

@@ -1,0 +1,155 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from isosample.cli import values
+
+if TYPE_CHECKING:
+    import argparse
+
+DEFAULT_PER_SLOPE = 5
+DEFAULT_SIZE = (800, 800)
+CACHE_VARIABLE = "ISOSAMPLE_CACHE"
+CACHE_FOLDER = "meshes_cache"
+CACHE_DEFAULT = f"${CACHE_VARIABLE}/NAME-HASH where that variable is set, else {CACHE_FOLDER}/NAME-HASH"
+
+
+def add_volume_options(parser: argparse.ArgumentParser) -> None:
+    """Add how a volume file is read."""
+    group = parser.add_argument_group("reading the volume")
+    group.add_argument(
+        "--shape", type=values.shape, metavar="X,Y,Z", help="samples along x, y, z of a headerless file"
+    )
+    group.add_argument(
+        "--dtype", metavar="TYPE", help="sample type of a headerless file, such as uint8 or >u2 (big-endian)"
+    )
+    group.add_argument(
+        "--spacing",
+        type=values.spacing,
+        metavar="X,Y,Z",
+        help="distance between samples [world]; replaces what the file says (headerless: default 1,1,1)",
+    )
+    group.add_argument(
+        "--channel", type=values.count, metavar="N", help="channel of a file with several, counted from 0"
+    )
+    group.add_argument(
+        "--time", type=values.count, metavar="N", help="time step of a file with several, counted from 0"
+    )
+    group.add_argument(
+        "--frame",
+        choices=("world", "index"),
+        help="world: placed as the file says (default); index: in its own axes, without origin and direction",
+    )
+
+
+def add_nan_option(parser: argparse.ArgumentParser) -> None:
+    """Add what happens to samples that are not finite."""
+    parser.add_argument(
+        "--nan",
+        choices=("masked",),
+        help="masked: leave out the cells that touch a NaN or infinite sample (default: such samples are an "
+        "error)",
+    )
+
+
+def add_plan_options(parser: argparse.ArgumentParser) -> None:
+    """Add what decides about the isovalues."""
+    parser.add_argument(
+        "--tf",
+        type=Path,
+        metavar="FILE",
+        help="transfer function, JSON of isosample, 3D Slicer or ParaView (default: the cache's own, or one "
+        "suggested from the histogram)",
+    )
+    parser.add_argument(
+        "--per-slope",
+        type=values.count,
+        metavar="K",
+        help=f"isovalues inside each visible slope of the transfer function (default {DEFAULT_PER_SLOPE})",
+    )
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add where the picture is taken from."""
+    group = parser.add_argument_group("camera")
+    group.add_argument(
+        "--camera", type=Path, metavar="FILE", help="JSON file of a camera, in place of the options below"
+    )
+    group.add_argument(
+        "--azimuth",
+        type=values.finite,
+        metavar="D",
+        help="degrees by which the eye turns towards +x about the box's centre (default 0)",
+    )
+    group.add_argument(
+        "--elevation",
+        type=values.finite,
+        metavar="D",
+        help="degrees by which the eye turns upwards (default 0)",
+    )
+    group.add_argument(
+        "--up",
+        choices=("y", "z"),
+        help="axis that points up: y, the eye starting on +z (default), or z, the eye starting on -y, which is a "
+        "patient's front in scans",
+    )
+    group.add_argument(
+        "--zoom",
+        type=values.positive,
+        metavar="F",
+        help="magnification; 1 fits the box's bounding sphere (default 1)",
+    )
+    group.add_argument(
+        "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"
+    )
+
+
+def add_picture_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the picture looks like."""
+    group = parser.add_argument_group("picture")
+    group.add_argument(
+        "--size",
+        type=values.picture_size,
+        default=DEFAULT_SIZE,
+        metavar="WxH",
+        help="width and height [pixel] (default 800x800)",
+    )
+    group.add_argument(
+        "--segment",
+        choices=("constant", "linear"),
+        default="linear",
+        help="course of the data between two crossings of a ray (default linear)",
+    )
+    group.add_argument(
+        "--segment-opacity",
+        choices=("exponential", "first-order"),
+        help="opacity of a constant segment of optical depth x: 1 - exp(-x) (default), or x as in eq. 3 of "
+        "Lindholm et al.",
+    )
+    group.add_argument(
+        "--clip",
+        type=values.clip_plane,
+        action="append",
+        default=[],
+        metavar="NX,NY,NZ,D",
+        help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
+    )
+    group.add_argument(
+        "--shading", action="store_true", help="light the volume from the eye (default: colours as they are)"
+    )
+    group.add_argument(
+        "--background",
+        type=values.background,
+        default=(0.0, 0.0, 0.0, 0.0),
+        metavar="R,G,B[,A]",
+        help="linear colour behind the volume, each part in [0, 1] (default transparent)",
+    )
+    group.add_argument(
+        "--stage",
+        choices=("auto", "fragment", "compute"),
+        default="auto",
+        help="shader stage that sorts and integrates (default auto: fragment on software renderers)",
+    )

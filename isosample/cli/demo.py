@@ -1,0 +1,292 @@
+"""`isosample demo`: built-in volumes through the whole pipeline, with pictures and a summary."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli import values
+from isosample.cli.console import progress_bars, say, say_table, seconds, thousands
+from isosample.cli.outputs import make_folder, write_json
+from isosample.cli.parser import add_command
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from isosample.cli.console import Progress
+    from isosample.cli.parser import Commands
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.image import Image
+    from isosample.rendering.pipeline import Renderer
+    from isosample.surfaces.cache import CachedScene
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Box, Volume
+
+CUT_TURN = 55.0  # degrees between the view and the cut, which is upright
+SAMPLES = 96  # along each edge of the built-in volumes
+STAGES = ("sample", "extract", "write cache", "load cache", "merge", "upload", "measure", "build", "resolve")
+EXAMPLE = """\
+isosample demo
+isosample demo -o pictures --size 400x400"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """One volume of the demo, by closed form, and how it is shown."""
+
+    name: str
+    title: str
+    half_width: float  # of the box, about its centre [world]
+    centre: tuple[float, float, float]
+    points: tuple[
+        tuple[float, tuple[float, float, float], float], ...
+    ]  # part of the range, colour, extinction
+    azimuth: float
+    elevation: float
+    zoom: float
+
+
+BLUE, TEAL, GOLD, RED = (0.05, 0.2, 1.0), (0.05, 0.75, 0.7), (1.0, 0.65, 0.1), (1.0, 0.25, 0.08)
+SUBJECTS = (
+    Subject(
+        name="hydrogen_4f",
+        title="hydrogen, 4f orbital: probability density",
+        half_width=26.0,
+        centre=(0.0, 0.0, 0.0),
+        points=(
+            *((0.02, BLUE, 0.0), (0.05, BLUE, 0.03), (0.09, BLUE, 0.0)),
+            *((0.14, TEAL, 0.0), (0.22, TEAL, 0.15), (0.32, TEAL, 0.0)),
+            *((0.45, GOLD, 0.0), (0.7, GOLD, 0.9), (1.0, GOLD, 1.2)),
+        ),
+        azimuth=35.0,
+        elevation=25.0,
+        zoom=1.45,
+    ),
+    Subject(
+        name="nucleon",
+        title="two-body density, nucleon-like",
+        half_width=20.0,
+        centre=(20.0, 20.0, 20.0),
+        points=(
+            *((0.12, BLUE, 0.0), (0.2, BLUE, 0.06), (0.28, BLUE, 0.0)),
+            *((0.45, TEAL, 0.0), (0.52, TEAL, 0.25), (0.6, TEAL, 0.0)),
+            *((0.72, RED, 0.0), (0.85, RED, 1.5), (1.0, GOLD, 3.0)),
+        ),
+        azimuth=30.0,
+        elevation=30.0,
+        zoom=1.6,
+    ),
+)
+
+
+def add_parser(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "demo",
+        run,
+        summary="Render built-in volumes through the whole pipeline, and tell what it took.",
+        example=EXAMPLE,
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("demo"),
+        metavar="DIR",
+        help="folder for it all (default demo)",
+    )
+    parser.add_argument(
+        "--size",
+        type=values.picture_size,
+        default=(800, 800),
+        metavar="WxH",
+        help="width and height of the pictures [pixel] (default 800x800)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make every picture, write the statistics, and sum up."""
+    from isosample.gl.context import shared_context
+
+    renderer = shared_context().info["GL_RENDERER"]
+    folder = make_folder(args.output)
+    start = time.perf_counter()
+    with progress_bars() as progress:
+        reports = [make(one, folder, args.size, _named(progress, one.name)) for one in SUBJECTS]
+    stats = {subject.name: report[0] for subject, report in zip(SUBJECTS, reports, strict=True)}
+    write_json(folder / "stats.json", stats)
+    summarise(reports, folder, renderer, time.perf_counter() - start)
+    return 0
+
+
+def make(
+    subject: Subject, folder: Path, size: tuple[int, int], progress: Progress
+) -> tuple[dict[str, Any], list[Path]]:
+    """Sample, extract into a cache folder, and render from that folder alone; statistics and pictures."""
+    from isosample.rendering.pipeline import Renderer
+    from isosample.surfaces.cache import load_cache
+
+    took: dict[str, float] = {}
+    start = time.perf_counter()
+    volume = sampled(subject)
+    took["sample"] = time.perf_counter() - start
+    tf = transfer_function(subject, volume)
+    cache = folder / f"{subject.name}_meshes"
+    bytes_written = precompute(volume, tf, cache, took, progress)
+    start = time.perf_counter()
+    scene = load_cache(cache)  # from here on the volume is not needed
+    took["load cache"] = time.perf_counter() - start
+    with Renderer(scene.surfaces, scene.plan, seconds=took) as renderer:
+        images = pictures(subject, renderer, scene, size, progress)
+    paths = [image.save(folder / f"{name}.png") for name, image in images.items()]
+    if importlib.util.find_spec("matplotlib") is not None:
+        from isosample.transfer.plot import plot_histogram
+
+        paths.append(folder / f"{subject.name}_transfer_function.png")
+        plot_histogram(volume, tf, path=paths[-1], plan=scene.plan)
+    stats = images[subject.name].stats | {
+        "title": subject.title,
+        "samples": SAMPLES**3,
+        "cache_bytes": bytes_written,
+    }
+    return stats, paths
+
+
+def sampled(subject: Subject) -> Volume:
+    """The subject's field on its grid."""
+    from isosample.volume.analytic import HydrogenOrbital, nucleon_like, sample_field
+
+    field = nucleon_like() if subject.name == "nucleon" else HydrogenOrbital(4, 3, 2)
+    x, y, z = subject.centre
+    half = subject.half_width
+    return sample_field(
+        field,
+        (SAMPLES,) * 3,
+        lower=(x - half, y - half, z - half),
+        upper=(x + half, y + half, z + half),
+        name=subject.name,
+    )
+
+
+def transfer_function(subject: Subject, volume: Volume) -> TransferFunction:
+    """The subject's points over the volume's range."""
+    from isosample.transfer.control_points import ControlPoint
+    from isosample.transfer.transfer_function import TransferFunction
+
+    low, high = volume.value_range
+    return TransferFunction(
+        [ControlPoint(low + (high - low) * v, color, e) for v, color, e in subject.points]
+    )
+
+
+def precompute(
+    volume: Volume, tf: TransferFunction, cache: Path, took: dict[str, float], progress: Progress
+) -> int:
+    """Extract what the cache folder lacks and write the scene; return the folder's bytes."""
+    from isosample.cli.precompute import folder_bytes
+    from isosample.cli.sources import plan_for
+    from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
+
+    start = time.perf_counter()
+    plan = plan_for(tf, volume.value_range, None)
+    surfaces = extract_with_cache(
+        volume, plan.isovalues, cache, progress=lambda done, total: progress("extract", done, total)
+    )
+    took["extract"] = time.perf_counter() - start
+    start = time.perf_counter()
+    write_cache(
+        cache,
+        surfaces,
+        content_hash=content_hash(volume),
+        transfer_function=tf,
+        plan=plan,
+        name=volume.name,
+    )
+    took["write cache"] = time.perf_counter() - start
+    return folder_bytes(cache)
+
+
+def pictures(
+    subject: Subject, renderer: Renderer, scene: CachedScene, size: tuple[int, int], progress: Progress
+) -> dict[str, Image]:
+    """One picture of the whole, lit, and one that is cut open, in its own colours."""
+    from isosample.rendering.settings import ClipPlane, Material, RenderSettings
+
+    camera = view(subject, scene.surfaces.geometry.box, size)
+    background = (0.01, 0.01, 0.015, 1.0)
+    away = math.radians(subject.azimuth + CUT_TURN)
+    x, z = -math.sin(away), -math.cos(away)
+    cut = ClipPlane(x, 0.0, z, -(x * camera.target[0] + z * camera.target[2]))
+    whole = RenderSettings(background=background, material=Material())
+    opened = RenderSettings(background=background, clip_planes=(cut,))
+    return {
+        name: renderer.render(camera=camera, size=size, settings=settings, progress=progress)
+        for name, settings in ((subject.name, whole), (f"{subject.name}_cut", opened))
+    }
+
+
+def view(subject: Subject, box: Box, size: tuple[int, int]) -> Camera:
+    """The subject's camera."""
+    from isosample.rendering.camera import Camera, Projection
+
+    return Camera.orbit(
+        box,
+        azimuth=subject.azimuth,
+        elevation=subject.elevation,
+        zoom=subject.zoom,
+        projection=Projection.PERSPECTIVE,
+        aspect=size[0] / size[1],
+    )
+
+
+def summarise(
+    reports: list[tuple[dict[str, Any], list[Path]]], folder: Path, renderer: str, duration: float
+) -> None:
+    """Write what was extracted, drawn and skipped, the seconds of every stage, and where the pictures are."""
+    all_stats = [stats for stats, _ in reports]
+    say_table(
+        ("", *(stats["title"] for stats in all_stats)),
+        [[name, *(row(stats) for stats in all_stats)] for name, row in FACTS.items()],
+        numeric=range(1, 1 + len(all_stats)),
+        title="What was extracted, drawn and skipped",
+    )
+    say()
+    taken = [[stage, *(seconds(s["seconds"].get(stage, 0.0)) for s in all_stats)] for stage in STAGES]
+    say_table(
+        ("stage", *(stats["title"] for stats in all_stats)), taken, numeric=range(1, 1 + len(all_stats))
+    )
+    say()
+    say(
+        f"Rendered by {renderer} in {seconds(duration)}. Pictures, statistics and mesh caches are in {folder}:"
+    )
+    for _, paths in reports:
+        for path in paths:
+            say(f"  {path}")
+    say(
+        f"Render one again from its meshes:  isosample render {folder / SUBJECTS[0].name}_meshes -o again.png"
+    )
+
+
+FACTS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "samples of the volume": lambda s: thousands(s["samples"]),
+    "isovalues": lambda s: str(len(s["isovalues"])),
+    "triangles extracted": lambda s: thousands(s["triangles"]["extracted"]),
+    "mesh cache, bytes": lambda s: thousands(s["cache_bytes"]),
+    "fragments": lambda s: thousands(s["fragments"]),
+    "fragments per pixel: mean": lambda s: f"{s['samples_per_ray']['mean']:.1f}",
+    "fragments per pixel: most": lambda s: str(s["max_depth_complexity"]),
+    "fragments lost": lambda s: str(s["lost_fragments"]),
+    "skipped: brick visits": lambda s: f"{s['skipped']['brick_visits']} of {s['skipped']['brick_visits_of']}",
+    "skipped: rays ended behind an opaque front": lambda s: thousands(s["skipped"]["rays_ended_early"]),
+}
+
+
+def _named(progress: Progress, name: str) -> Progress:
+    """Progress whose stages carry the volume's name."""
+    return lambda stage, done, total: progress(f"{name}: {stage}", done, total)

@@ -1,0 +1,149 @@
+"""`isosample info`: what a volume is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli import arguments
+from isosample.cli.console import byte_size, say, say_fields, say_json, thousands
+from isosample.cli.outputs import check_suffix, check_writable
+from isosample.cli.parser import add_command
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.cli.parser import Commands
+    from isosample.transfer.isovalues import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+HISTOGRAM_ROWS = 16
+HISTOGRAM_WIDTH = 50  # [character]
+EXAMPLE = """\
+isosample info head.nrrd
+isosample info head.nrrd --tf bone.json --plan --histogram head_histogram.png
+isosample info head.raw --shape 256,256,128 --dtype uint16 --json"""
+
+
+def add_parser(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "info",
+        run,
+        summary="Tell a volume's size, sample type, placement and values.",
+        example=EXAMPLE,
+    )
+    parser.add_argument("volume", type=Path, metavar="VOLUME", help="volume file or DICOM folder")
+    parser.add_argument("--json", action="store_true", help="write JSON (default: a table)")
+    parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
+    parser.add_argument(
+        "--histogram",
+        type=Path,
+        metavar="FILE",
+        help="PNG file for a plot of the histogram and the transfer function",
+    )
+    arguments.add_plan_options(parser)
+    arguments.add_volume_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Open the volume, describe it, and plot it where asked for."""
+    from isosample.cli.sources import load_transfer_function, open_source_volume
+
+    if args.histogram is not None:
+        check_suffix(args.histogram, (".png",), "a plot")
+        inputs = [path for path in (args.volume, args.tf) if path is not None]
+        check_writable({"--histogram": args.histogram}, inputs)
+    given = load_transfer_function(args.tf)
+    volume = open_source_volume(args, args.volume)
+    description = describe(volume)
+    transfer_function, plan = _plan(args, volume, given)
+    if args.json:
+        say_json(description | ({"plan": plan.to_dict()} if plan is not None and args.plan else {}))
+    else:
+        _say(volume, description)
+        if plan is not None and args.plan:
+            from isosample.cli.plan_table import say_plan
+
+            say_plan(plan)
+    if args.histogram is not None:
+        from isosample.transfer.plot import plot_histogram
+
+        plot_histogram(volume, transfer_function, path=args.histogram, plan=plan)
+    return 0
+
+
+def describe(volume: Volume) -> dict[str, Any]:
+    """Return what a volume is, JSON-ready; the range is None where no sample is finite."""
+    nan_count, infinity_count = volume.nonfinite_counts
+    some_finite = nan_count + infinity_count < volume.array.size
+    return {
+        "name": volume.name,
+        "size_xyz": list(volume.size_xyz),
+        "dtype": str(volume.array.dtype),
+        "bytes": int(volume.array.nbytes),
+        "spacing": list(volume.spacing),
+        "origin": list(volume.origin),
+        "direction": volume.direction.tolist(),
+        "box_corners": volume.box.corners().tolist(),
+        "value_range": list(volume.value_range) if some_finite else None,
+        "nan_count": nan_count,
+        "infinity_count": infinity_count,
+    }
+
+
+def _plan(
+    args: argparse.Namespace, volume: Volume, given: TransferFunction | None
+) -> tuple[TransferFunction | None, IsovaluePlan | None]:
+    """Return the transfer function and its plan, suggested only where a plan is asked for."""
+    from isosample.cli.sources import plan_for, transfer_function_of
+
+    if not args.plan and given is None:
+        if args.per_slope is not None:
+            raise InputError(f"--per-slope {args.per_slope} changes the plan; add --plan to see it.")
+        return None, None
+    tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
+    return tf, plan_for(tf, volume.value_range, args.per_slope)
+
+
+def _say(volume: Volume, description: dict[str, Any]) -> None:
+    corners = volume.box.corners()
+    value_range = description["value_range"]
+    fields = {
+        "name": volume.name,
+        "size (x, y, z)": " x ".join(str(count) for count in volume.size_xyz),
+        "samples": f"{volume.array.dtype}, {thousands(volume.array.size)}, {byte_size(volume.array.nbytes)}",
+        "spacing": _vector(volume.spacing),
+        "origin": _vector(volume.origin),
+        "direction": "; ".join(_vector(row) for row in volume.direction.tolist()),
+        "box": f"{_vector(corners.min(axis=0))} to {_vector(corners.max(axis=0))}",
+        "values": f"{value_range[0]:.9g} to {value_range[1]:.9g}" if value_range else "none is finite",
+        "NaN, infinite": f"{thousands(description['nan_count'])}, {thousands(description['infinity_count'])}",
+    }
+    say_fields(fields)
+    if value_range and sys.stdout.isatty():
+        _draw_histogram(volume)
+
+
+def _vector(numbers: Any) -> str:
+    return ", ".join(f"{number:.7g}" for number in numbers)
+
+
+def _draw_histogram(volume: Volume) -> None:
+    """Draw the logarithm of the counts as bars of text."""
+    import numpy as np
+
+    from isosample.volume.statistics import histogram
+
+    counts, edges = histogram(volume)
+    rows = np.array_split(np.arange(len(counts)), min(HISTOGRAM_ROWS, len(counts)))
+    totals = [int(counts[row].sum()) for row in rows]
+    longest = np.log1p(max(totals))
+    say("values from (logarithmic counts)")
+    for row, total in zip(rows, totals, strict=True):
+        bar = "█" * round(HISTOGRAM_WIDTH * float(np.log1p(total) / longest))
+        say(f"{edges[row[0]]:>12.6g} {bar} {thousands(total) if total else ''}".rstrip())

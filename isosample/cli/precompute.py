@@ -1,0 +1,115 @@
+"""`isosample precompute`: the meshes of a volume into a cache folder."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from isosample.cli import arguments
+from isosample.cli.console import byte_size, progress_bars, say_fields, seconds, thousands
+from isosample.cli.outputs import nearest_existing, probe_folder
+from isosample.cli.parser import add_command
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.cli.parser import Commands
+    from isosample.cli.sources import PreparedScene
+    from isosample.surfaces.extract import SurfaceSet
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import F64, Volume
+
+EXAMPLE = """\
+isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
+isosample render head_meshes -o head.png"""
+
+
+def add_parser(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "precompute",
+        run,
+        summary="Extract the isosurfaces that a transfer function needs, for pictures without the volume.",
+        example=EXAMPLE,
+    )
+    parser.add_argument("volume", type=Path, metavar="VOLUME", help="volume file or DICOM folder")
+    arguments.add_plan_options(parser)
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        metavar="DIR",
+        help=f"folder for the meshes (default {arguments.CACHE_DEFAULT})",
+    )
+    arguments.add_nan_option(parser)
+    arguments.add_volume_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan, extract what the folder lacks, write the scene, and tell where it is."""
+    from isosample.cli.sources import load_transfer_function, open_source_volume
+
+    start = time.perf_counter()
+    if args.cache is not None:
+        probe_folder(nearest_existing(args.cache))
+    transfer_function = load_transfer_function(args.tf)
+    volume = open_source_volume(args, args.volume)
+    folder, scene = precompute(args, volume, transfer_function)
+    summarise(folder, scene, time.perf_counter() - start)
+    return 0
+
+
+def precompute(
+    args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
+) -> tuple[Path, PreparedScene]:
+    """Write the scene of a volume into its cache folder; return the folder and the scene."""
+    from isosample.cli.sources import default_cache_folder, scene_from_volume
+    from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
+
+    folder = args.cache
+
+    def extract(volume: Volume, isovalues: F64) -> SurfaceSet:
+        return extract_with_cache(
+            volume,
+            isovalues,
+            folder,
+            nan_masked=args.nan == "masked",
+            progress=lambda done, total: progress("extract", done, total),
+        )
+
+    volume_hash = content_hash(volume)
+    if folder is None:
+        folder = default_cache_folder(volume, volume_hash)
+        probe_folder(nearest_existing(folder))
+    with progress_bars() as progress:
+        scene = scene_from_volume(args, volume, transfer_function, extract)
+    write_cache(
+        folder,
+        scene.surfaces,
+        content_hash=volume_hash,
+        transfer_function=scene.transfer_function,
+        plan=scene.plan,
+        name=volume.name,
+    )
+    return folder, scene
+
+
+def summarise(folder: Path, scene: PreparedScene, duration: float) -> None:
+    """Write where the meshes are and what they hold."""
+    found = scene.surfaces.statistics
+    say_fields(
+        {
+            "cache": str(folder),
+            "transfer function": scene.tf_origin,
+            "levels": f"{len(scene.plan.isovalues)} ({found.levels_reused} reused)",
+            "triangles": thousands(sum(found.triangles)),
+            "size": byte_size(folder_bytes(folder)),
+            "seconds": seconds(duration),
+        }
+    )
+
+
+def folder_bytes(folder: Path) -> int:
+    """Return the size of all files in a folder."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

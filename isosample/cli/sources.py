@@ -1,0 +1,253 @@
+"""What a command works on: a volume file, or a cache folder that stands for one."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli.arguments import CACHE_FOLDER, CACHE_VARIABLE, DEFAULT_PER_SLOPE
+from isosample.cli.console import note
+from isosample.errors import CacheError, InputError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Sequence
+
+    from isosample.surfaces.extract import SurfaceSet
+    from isosample.transfer.isovalues import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import F64, Volume
+
+VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "frame")
+CACHE_FILES = ("volume.json", "scene.json", "surfaces")
+NEAR_COUNT = 3  # isovalues that a message suggests
+HASH_DIGITS = 8  # enough to tell volumes of the same name apart; the folder checks the whole hash
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PreparedScene:
+    """Surfaces, what they look like, and how long it took to get them.
+
+    Attributes
+    ----------
+    surfaces : SurfaceSet
+    plan : IsovaluePlan
+    transfer_function : TransferFunction
+    name : str
+        Name of the volume.
+    tf_origin : str
+        Where the transfer function comes from.
+    seconds : dict of str to float
+        By stage.
+    """
+
+    surfaces: SurfaceSet
+    plan: IsovaluePlan
+    transfer_function: TransferFunction
+    name: str
+    tf_origin: str
+    seconds: dict[str, float]
+
+
+def is_cache_folder(path: Path) -> bool:
+    """Tell whether a path is a folder with at least one part of a mesh cache in it."""
+    return path.is_dir() and any((path / part).exists() for part in CACHE_FILES)
+
+
+def open_source_volume(args: argparse.Namespace, path: Path) -> Volume:
+    """Open the volume that the arguments describe.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is a cache folder.
+    """
+    from isosample.volume.readers import open_volume
+
+    if is_cache_folder(path):
+        raise InputError(f"{path} is a mesh cache, not a volume. Render or export it, or name a volume file.")
+    volume = open_volume(
+        path,
+        shape=args.shape,
+        dtype=args.dtype,
+        spacing=args.spacing,
+        channel=args.channel,
+        time=args.time,
+    )
+    return volume.in_index_frame() if args.frame == "index" else volume
+
+
+def refuse_volume_options(args: argparse.Namespace, folder: Path, more: Sequence[str] = ()) -> None:
+    """Raise `InputError` where options that describe a volume are given for a cache folder."""
+    given = [name for name in (*VOLUME_OPTIONS, *more) if getattr(args, name) is not None]
+    if given:
+        raise InputError(
+            f"--{given[0]} belongs to a volume file, and {folder} is a mesh cache; its meshes are what they "
+            f"are. Leave out --{given[0]}, or name the volume."
+        )
+
+
+def load_transfer_function(path: Path | None) -> TransferFunction | None:
+    """Return the transfer function of a file, or None without one."""
+    from isosample.transfer.transfer_function import TransferFunction
+
+    return None if path is None else TransferFunction.load(path)
+
+
+def plan_for(
+    transfer_function: TransferFunction, value_range: tuple[float, float], per_slope: int | None
+) -> IsovaluePlan:
+    """Return the isovalues with K = `per_slope`, or the default for None."""
+    from isosample.transfer.isovalues import plan_isovalues
+
+    chosen = DEFAULT_PER_SLOPE if per_slope is None else per_slope
+    return plan_isovalues(transfer_function, value_range, per_slope=chosen)
+
+
+def transfer_function_of(
+    volume: Volume, given: TransferFunction | None, path: Path | None, *, nan_masked: bool
+) -> tuple[TransferFunction, str]:
+    """Return the given transfer function or a suggested one, and where it comes from.
+
+    Raises
+    ------
+    InputError
+        If the volume can have no surfaces, or is constant and none is given.
+    """
+    from isosample.surfaces.extract import ExtractionSettings, check_volume
+    from isosample.transfer.transfer_function import TransferFunction
+
+    check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
+    if given is not None:
+        return given, str(path)
+    suggested = TransferFunction.suggest(volume)
+    note("no --tf is given; using a transfer function suggested from the histogram")
+    return suggested, "suggested from the histogram"
+
+
+def scene_from_volume(
+    args: argparse.Namespace,
+    volume: Volume,
+    given: TransferFunction | None,
+    extract: Callable[[Volume, F64], SurfaceSet],
+) -> PreparedScene:
+    """Plan and extract the surfaces that a picture of a volume needs.
+
+    Parameters
+    ----------
+    args : Namespace
+        With `tf`, `per_slope` and `nan`.
+    volume : Volume
+    given : TransferFunction or None
+        None: one is suggested.
+    extract : callable
+        Gives the surfaces of a volume at (K,) isovalues.
+    """
+    start = time.perf_counter()
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
+    plan = plan_for(tf, volume.value_range, args.per_slope)
+    planned = time.perf_counter()
+    surfaces = extract(volume, plan.isovalues)
+    return PreparedScene(
+        surfaces=surfaces,
+        plan=plan,
+        transfer_function=tf,
+        name=volume.name,
+        tf_origin=origin,
+        seconds={"plan": planned - start, "extract": time.perf_counter() - planned},
+    )
+
+
+def scene_from_cache(
+    folder: Path,
+    given: TransferFunction | None,
+    *,
+    tf_path: Path | None = None,
+    per_slope: int | None = None,
+    nan_masked: bool = False,
+) -> PreparedScene:
+    """Return the scene of a cache folder, with its own transfer function or another one.
+
+    Parameters
+    ----------
+    folder : Path
+    given : TransferFunction or None
+        None: the cache's own. The isovalues that another one needs must be in the cache.
+    tf_path : Path or None
+        Where `given` comes from.
+    per_slope : int or None
+        None: as the scene was planned, or the default with another transfer function.
+    nan_masked : bool
+        Take the surfaces that were extracted around masked samples; the scene's own setting counts too.
+
+    Raises
+    ------
+    CacheError
+        If the folder is damaged, of another version, or lacks a scene or an isovalue.
+    """
+    from isosample.surfaces.cache import load_cache, load_surface_set
+    from isosample.transfer.transfer_function import TransferFunction
+
+    start = time.perf_counter()
+    if given is None and per_slope is None:
+        scene = load_cache(folder)
+        surfaces, plan, tf = scene.surfaces, scene.plan, scene.transfer_function
+    else:
+        own = _stored_scene(folder) if given is None or (folder / "scene.json").exists() else {}
+        tf = given if given is not None else TransferFunction.from_dict(own["transfer_function"])
+        plan = plan_for(tf, load_surface_set(folder, ()).value_range, per_slope)
+        masked = nan_masked or bool(own and own["settings"]["nan_masked"])
+        surfaces = load_surface_set(folder, plan.isovalues, nan_masked=masked)
+    return PreparedScene(
+        surfaces=surfaces,
+        plan=plan,
+        transfer_function=tf,
+        name=folder.name,
+        tf_origin=str(tf_path or folder),
+        seconds={"load": time.perf_counter() - start},
+    )
+
+
+def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -> SurfaceSet:
+    """Return one surface of a cache folder.
+
+    Raises
+    ------
+    CacheError
+        As `scene_from_cache`; a missing isovalue is told with those that are there.
+    """
+    from isosample.surfaces.cache import load_surface_set
+
+    load_surface_set(folder, ())  # tells what is wrong with the folder itself
+    scene = _stored_scene(folder) if (folder / "scene.json").exists() else {}
+    masked = nan_masked or bool(scene and scene["settings"]["nan_masked"])
+    try:
+        return load_surface_set(folder, (isovalue,), nan_masked=masked)
+    except CacheError as error:
+        there = [float.fromhex(entry["isovalue"]) for entry in scene.get("surfaces", [])]
+        if not there or isovalue in there:
+            raise
+        near = sorted(there, key=lambda value: abs(value - isovalue))[:NEAR_COUNT]
+        raise CacheError(
+            f"{folder} has no isosurface {isovalue!r}; the nearest of its {len(there)} are "
+            f"{', '.join(repr(value) for value in near)}. Choose one of them, or name the volume."
+        ) from error
+
+
+def _stored_scene(folder: Path) -> dict[str, Any]:
+    """Return the content of scene.json, checked against its digest."""
+    from isosample.surfaces.cache_files import read_json
+
+    return read_json(folder / "scene.json", "scene")
+
+
+def default_cache_folder(volume: Volume, content_hash: str) -> Path:
+    """Return NAME-HASH in the folder of caches: $ISOSAMPLE_CACHE, else meshes_cache in the current one."""
+    stem = volume.name.partition(".")[0] or volume.name
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-") or "volume"
+    parent = Path(os.environ.get(CACHE_VARIABLE) or CACHE_FOLDER)
+    return parent / f"{name[:64]}-{content_hash[:HASH_DIGITS]}"

@@ -1,0 +1,90 @@
+"""Values of options: from the text of an argument to numbers, or an error that names the text."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+
+SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
+LARGEST_EDGE = 1 << 20
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """(width, height) in pixels from ``800x600``."""
+    found = SIZE.fullmatch(text)
+    edges = [int(edge) for edge in found.groups()] if found and len(text) < 40 else []
+    if not edges or not all(1 <= edge <= LARGEST_EDGE for edge in edges):
+        raise argparse.ArgumentTypeError(f"{text!r} is no picture size; give pixels as WxH, such as 800x600")
+    return edges[0], edges[1]
+
+
+def finite(text: str) -> float:
+    """Return a finite number."""
+    return _numbers(text, "a finite number", (1,))[0]
+
+
+def positive(text: str) -> float:
+    """Return a finite number above 0."""
+    number = finite(text)
+    if number <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be above 0")
+    return number
+
+
+def count(text: str) -> int:
+    """Return a whole number >= 0."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number >= 0")
+    return number
+
+
+def shape(text: str) -> tuple[int, int, int]:
+    """Three whole numbers above 0, ``X,Y,Z``."""
+    numbers = _numbers(text, "three whole numbers above 0 as X,Y,Z, such as 256,256,128", (3,))
+    if not all(number >= 1 and number == int(number) for number in numbers):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be three whole numbers above 0 as X,Y,Z, such as 256,256,128"
+        )
+    return int(numbers[0]), int(numbers[1]), int(numbers[2])
+
+
+def spacing(text: str) -> tuple[float, float, float]:
+    """Three numbers above 0, ``X,Y,Z``."""
+    numbers = _numbers(text, "three numbers above 0 as X,Y,Z, such as 0.5,0.5,2", (3,))
+    if min(numbers) <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be three numbers above 0 as X,Y,Z")
+    return numbers[0], numbers[1], numbers[2]
+
+
+def clip_plane(text: str) -> tuple[float, float, float, float]:
+    """Four finite numbers ``NX,NY,NZ,D``, the first three not all 0."""
+    nx, ny, nz, d = _numbers(text, "four finite numbers as NX,NY,NZ,D, such as 1,0,0,-20", (4,))
+    if not (nx or ny or nz):
+        raise argparse.ArgumentTypeError(f"{text!r} has a normal of length 0; NX,NY,NZ must not all be 0")
+    return nx, ny, nz, d
+
+
+def background(text: str) -> tuple[float, float, float, float]:
+    """Straight linear RGBA in [0, 1] from ``R,G,B`` (alpha 1) or ``R,G,B,A``."""
+    expected = "R,G,B or R,G,B,A, each between 0 and 1, such as 1,1,1"
+    numbers = _numbers(text, expected, (3, 4))
+    if not all(0 <= part <= 1 for part in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} must be {expected}")
+    red, green, blue, alpha = (*numbers, 1.0)[:4]
+    return red, green, blue, alpha
+
+
+def _numbers(text: str, expected: str, counts: tuple[int, ...]) -> list[float]:
+    """Return finite numbers separated by commas, or raise."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(math.isfinite(number) for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} must be {expected}")
+    return numbers
