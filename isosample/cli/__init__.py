@@ -53,8 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     status : int
-        0; 1 a verification failed; 2 bad input; 3 no usable OpenGL; 70 a fault of the program; 130 interrupted; 141 nobody reads the
-        output any more.
+        0; 1 a verification failed; 2 bad input; 3 no usable OpenGL; 70 a fault of the program; 130 interrupted;
+        141 nobody reads the output any more.
     """
     arguments = join_negative_values(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
