@@ -50,6 +50,7 @@ def cubic_between(corners: F64, start: F64, end: F64) -> Cubic:
     -------
     b0, b1, b2, b3 : float
         Coefficients; b0 and b3 are the values at the ends. All are equal, exactly, where the samples are.
+        On a face of the cell an end's value is the same number from both sides, bit for bit.
     """
     ppp, pqp, ppq, pqq = _at_x(corners, start[0], start, end)
     qpp, qqp, qpq, qqq = _at_x(corners, end[0], start, end)

@@ -119,7 +119,7 @@ def _walk_cell(
     counts: I64,
 ) -> State:
     """Walk through one cell whose corners are loaded; return what is known at its end."""
-    known, band, value = state
+    known, band, _ = state
     corners, ends = scratch
     counts[CELLS] += 1
     if known == OUTSIDE:
@@ -129,12 +129,11 @@ def _walk_cell(
         return BAND_KNOWN, band, 0.0
     for i in range(2):
         _place_in_cell(line[0], line[1], cell, between[i], ends[i])
-    b0, b1, b2, b3 = cubic_between(corners, ends[0], ends[1])
-    b0 = value if known == VALUE_KNOWN else b0  # the same number on both sides of a face
+    cubic = cubic_between(corners, ends[0], ends[1])  # its first value is the last of the cell before
     if known == OUTSIDE:
-        band = band_above(optics.bands.edges, band, b0)
-    band = walk_cubic(walk, band, (b0, b1, b2, b3), between[1] - between[0], optics)
-    return VALUE_KNOWN, band, b3
+        band = band_above(optics.bands.edges, band, cubic[0])
+    band = walk_cubic(walk, band, cubic, between[1] - between[0], optics)
+    return VALUE_KNOWN, band, cubic[3]
 
 
 @compiled

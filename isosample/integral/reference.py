@@ -36,9 +36,8 @@ Progress = Callable[[int, int], None]
 DEFAULT_TOLERANCE = 1e-10
 RAYS_PER_BLOCK = 512  # a block of work for one thread: a few milliseconds to a second
 UNIT_TOLERANCE = 1e-9  # by how much a direction's length may differ from 1
-GRAZING = (
-    1e-12  # cells: a ray that drifts less along an axis is parallel to it, one this far outside is inside
-)
+# Cells: a ray that drifts less than this along an axis is parallel to it; one this far outside is inside.
+GRAZING = 1e-12
 
 
 def integrate_rays(

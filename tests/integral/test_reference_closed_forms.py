@@ -200,23 +200,26 @@ def test_a_wrong_one_sided_limit_is_caught(monkeypatch: pytest.MonkeyPatch) -> N
         step_plateaus()
 
 
-def test_the_diagonals_of_a_saddle_cell_are_parabolas() -> None:
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+def test_the_diagonals_of_a_saddle_cell_are_parabolas(offset: float) -> None:
     """f = x y on the unit cell: s² along one diagonal of its square, s (1 − s) along the other."""
-    samples = np.zeros((2, 2, 2))
-    samples[:, 1, 1] = 1.0
+    samples = np.full((2, 2, 2), offset)
+    samples[:, 1, 1] += 1.0
     volume, half = Volume(samples), math.sqrt(0.5)
     along = ([-half, -half, 0.5], [half, half, 0.0], lambda v: math.sqrt(v))
     across = ([-half, 1.0 + half, 0.5], [half, -half, 0.0], None)
-    for low, high in pairwise([0.03, 0.11, 0.2, 0.24]):
-        rgba = integrate_rays(volume, absorbing(low, high, 0.7), [along[0]], [along[1]])[0]
+    for low, high in pairwise([0.03125, 0.125, 0.1875, 0.234375]):
+        rgba = integrate_rays(volume, absorbing(low + offset, high + offset, 0.7), [along[0]], [along[1]])[0]
         depth = 0.7 * math.sqrt(2.0) * (math.sqrt(high) - math.sqrt(low))
         assert rgba[3] == pytest.approx(-math.expm1(-depth), abs=1e-14)
-        rgba = integrate_rays(volume, absorbing(low, high, 0.7), [across[0]], [across[1]])[0]
+        rgba = integrate_rays(volume, absorbing(low + offset, high + offset, 0.7), [across[0]], [across[1]])[
+            0
+        ]
         depth = 0.7 * math.sqrt(2.0) * (math.sqrt(1 - 4 * low) - math.sqrt(1 - 4 * high))
         assert rgba[3] == pytest.approx(-math.expm1(-depth), abs=1e-13)
     # The top of the parabola is 1/4: just below it two crossings, at it a touch, above it none.
-    for level, crossings in [(0.25 - 1e-9, 2), (0.25, 0), (0.25 + 1e-9, 0)]:
-        tf = TransferFunction([], [Isosurface(level, WHITE, 0.5)])
+    for level, crossings in [(0.25 - 2.0**-30, 2), (0.25, 0), (0.25 + 2.0**-30, 0)]:
+        tf = TransferFunction([], [Isosurface(level + offset, WHITE, 0.5)])
         rgba = integrate_rays(volume, tf, [[0.0, 1.0, 0.5]], [[half, -half, 0.0]])[0]
         assert rgba[3] == pytest.approx(1.0 - 0.5**crossings, abs=1e-15)
 
