@@ -79,8 +79,10 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
     from isosample.cli.console import json_text
     from isosample.files import replacing
 
+    # a file name that is no UTF-8 has lone surrogates: this writes them as JSON's own escapes, such as \udce9
+    text = f"{json_text(document)}\n".encode(errors="backslashreplace")
     with replacing(path) as file:
-        file.write(f"{json_text(document)}\n".encode())
+        file.write(text)
 
 
 def _check_target(option: str, path: Path) -> None:

@@ -67,7 +67,8 @@ def run_beside(*arguments: str | Path, **environment: str) -> Outcome:
 def blob() -> npt.NDArray[np.float32]:
     """(8, 9, 10) samples between 0 and 100, highest in the middle; a count of its own along each axis."""
     z, y, x = np.mgrid[-1:1:8j, -1:1:9j, -1:1:10j]
-    return (100 * np.exp(-2 * (x * x + y * y + z * z))).astype(np.float32)
+    samples: npt.NDArray[np.float32] = (100 * np.exp(-2 * (x * x + y * y + z * z))).astype(np.float32)
+    return samples
 
 
 def write_scene(folder: Path) -> None:

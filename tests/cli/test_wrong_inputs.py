@@ -342,7 +342,7 @@ def check_refusal(wrong: Wrong, run: Run, here: Path) -> None:
     assert outcome.err.startswith("isosample: error: "), outcome.err
     assert outcome.err.count("\n") == 1, outcome.err
     assert outcome.err.endswith("\n")
-    assert [part for part in wrong.named if part not in outcome.err] == [], outcome.err
+    assert [word for word in wrong.named if word not in outcome.err] == [], outcome.err
     assert outcome.out == ""
     assert content(here) == before
 

@@ -1,0 +1,123 @@
+"""`info` tells what is in the file, as text, as JSON, and as a plan; all of it plain where nobody watches."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.harness import TF, Run, blob
+from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.transfer_function import TransferFunction
+
+META_HEADER = """\
+ObjectType = Image
+NDims = 3
+BinaryData = True
+BinaryDataByteOrderMSB = False
+TransformMatrix = 0 1 0 -1 0 0 0 0 1
+Offset = 5 -6 7
+ElementSpacing = 0.5 1 2
+DimSize = 10 9 8
+ElementType = MET_FLOAT
+ElementDataFile = LOCAL
+"""
+
+
+def write_turned() -> None:
+    """blob.npy as turned.mha: a quarter turn about z, away from the origin, with three spacings."""
+    Path("turned.mha").write_bytes(META_HEADER.encode() + blob().tobytes())
+
+
+def test_text_tells_size_type_placement_and_values(run: Run) -> None:
+    outcome = run("info blob.npy")
+    assert outcome.status == 0
+    assert outcome.err == ""
+    fields = outcome.fields()
+    assert fields["name"] == "blob.npy"
+    assert fields["size (x, y, z)"] == "10 x 9 x 8"
+    assert fields["samples"] == "float32, 720, 2.8 KiB"
+    assert fields["box"] == "0, 0, 0 to 9, 8, 7"
+    low, high = (float(number) for number in fields["values"].split(" to "))
+    assert (low, high) == pytest.approx((blob().min(), blob().max()), rel=1e-8)  # nine digits are shown
+    assert fields["NaN, infinite"] == "0, 0"
+
+
+def test_json_has_every_number_exactly(run: Run) -> None:
+    samples = blob()
+    samples[0, 0, :3] = [np.nan, np.inf, -np.inf]
+    np.save("holed.npy", samples)
+    found = json.loads(run("info holed.npy --json --spacing 0.5,1,2").out)
+    finite = samples[np.isfinite(samples)]
+    assert found["size_xyz"] == [10, 9, 8]
+    assert found["dtype"] == "float32"
+    assert found["bytes"] == samples.nbytes
+    assert found["spacing"] == [0.5, 1.0, 2.0]
+    assert found["value_range"] == [float(finite.min()), float(finite.max())]
+    assert (found["nan_count"], found["infinity_count"]) == (1, 2)
+    assert np.ptp(found["box_corners"], axis=0).tolist() == [4.5, 8.0, 14.0]
+    assert "plan" not in found
+
+
+def test_a_volume_without_a_finite_sample_is_described_all_the_same(run: Run) -> None:
+    np.save("nan.npy", np.full((3, 4, 5), np.nan))
+    assert run("info nan.npy").fields()["values"] == "none is finite"
+    assert json.loads(run("info nan.npy --json").out)["value_range"] is None
+
+
+def test_headerless_samples_are_read_by_shape_and_type(run: Run) -> None:
+    np.arange(24, dtype=">u2").tofile("a.raw")
+    found = json.loads(run("info a.raw --shape 2,3,4 --dtype >u2 --json").out)
+    assert found["size_xyz"] == [2, 3, 4]
+    assert found["value_range"] == [0, 23]
+
+
+def test_frame_index_drops_origin_and_direction_and_keeps_spacing(run: Run) -> None:
+    pytest.importorskip("SimpleITK")
+    write_turned()
+    world = json.loads(run("info turned.mha --json").out)
+    assert world["origin"] == [5, -6, 7]
+    assert world["direction"] != np.eye(3).tolist()
+    assert json.loads(run("info turned.mha --frame world --json").out) == world
+    index = json.loads(run("info turned.mha --frame index --json").out)
+    assert index["origin"] == [0, 0, 0]
+    assert index["direction"] == np.eye(3).tolist()
+    assert index["spacing"] == world["spacing"] == [0.5, 1, 2]
+    assert index["value_range"] == world["value_range"]
+
+
+@pytest.mark.parametrize(("option", "per_slope"), [("", 5), ("--per-slope 2", 2), ("--per-slope 0", 0)])
+def test_the_plan_is_that_of_the_library(run: Run, option: str, per_slope: int) -> None:
+    low, high = float(blob().min()), float(blob().max())
+    expected = plan_isovalues(TransferFunction.from_dict(TF), (low, high), per_slope=per_slope)
+    outcome = run(f"info blob.npy --tf tf.json --plan {option}")
+    title, heading, *lines, left_out = outcome.out.splitlines()[9:]
+    assert title.startswith(f"{len(expected.isovalues)} isovalues in the range")
+    assert heading.split()[:3] == ["level", "isovalue", "reason"]
+    assert [line.split()[:2] for line in lines] == [
+        [str(level), f"{value:.9g}"] for level, value in enumerate(expected.isovalues)
+    ]
+    assert left_out.startswith("left out: ")
+    found = json.loads(run(f"info blob.npy --tf tf.json --plan --json {option}").out)["plan"]
+    assert found == expected.to_dict()
+
+
+def test_a_plan_without_a_transfer_function_says_that_one_is_suggested(run: Run) -> None:
+    outcome = run("info blob.npy --plan")
+    assert outcome.status == 0
+    assert outcome.err == (
+        "isosample: note: no --tf is given; using a transfer function suggested from the histogram\n"
+    )
+    assert " isovalues in the range " in outcome.out
+
+
+def test_the_histogram_is_a_picture(run: Run) -> None:
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    outcome = run("info blob.npy --tf tf.json --plan --histogram out.png")
+    assert outcome.status == 0, outcome.err
+    with Image.open("out.png") as picture:
+        assert min(picture.size) > 100

@@ -1,0 +1,111 @@
+"""`precompute` leaves a folder from which every picture is bit for bit that of the volume."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.harness import TF, Run, blob, content, write_json
+
+VIEW = "--size 24x16 --azimuth 30 --elevation -20"
+
+
+def test_the_summary_tells_where_the_meshes_are_and_what_they_hold(run: Run, folder: Path) -> None:
+    outcome = run("precompute blob.npy --tf tf.json --cache meshes")
+    assert outcome.status == 0
+    assert outcome.err == ""
+    fields = outcome.fields()
+    assert fields["cache"] == "meshes"
+    assert fields["transfer function"] == "tf.json"
+    assert fields["levels"] == "13 (0 reused)"  # 3 points and 5 values in each of 2 slopes
+    assert int(fields["triangles"].replace(" ", "")) > 0
+    size = sum(len(data) for data in content(folder / "meshes").values() if data is not None)
+    assert fields["size"] == f"{size / 1024:.1f} KiB"
+
+
+def test_a_second_run_extracts_nothing_and_changes_no_surface(run: Run, cache: Path) -> None:
+    before = content(cache)
+    outcome = run("precompute blob.npy --tf tf.json --cache meshes")
+    assert outcome.fields()["levels"] == "13 (13 reused)"
+    assert content(cache) == before
+
+
+def test_a_moved_point_extracts_only_its_own_values(run: Run, cache: Path) -> None:
+    points = [dict(point) for point in TF["points"]]
+    points[2]["value"] = 89  # 56.5, 63 … 89 are new; 20, 25 … 50 stay
+    write_json(Path("moved.json"), {"points": points})
+    outcome = run("precompute blob.npy --tf moved.json --cache meshes")
+    assert outcome.fields()["levels"] == "13 (7 reused)"
+
+
+def test_the_default_folder_is_named_after_the_volume_and_its_content(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = run("precompute blob.npy --tf tf.json --per-slope 0").fields()["cache"]
+    assert here.startswith("meshes_cache/blob-")
+    assert (folder / here / "scene.json").is_file()
+    monkeypatch.setenv("ISOSAMPLE_CACHE", str(folder / "elsewhere"))
+    there = run("precompute blob.npy --tf tf.json --per-slope 0").fields()["cache"]
+    assert there == str(folder / "elsewhere" / Path(here).name)
+    assert (Path(there) / "scene.json").is_file()
+    np.save("blob.npy", blob() + 1)
+    other = run("precompute blob.npy --tf tf.json --per-slope 0").fields()["cache"]
+    assert Path(other).name != Path(there).name
+
+
+@pytest.mark.usefixtures("gl")
+def test_a_cache_folder_gives_the_bits_of_the_volume_without_it(run: Run, folder: Path) -> None:
+    assert run(f"render blob.npy --tf tf.json -o volume.npy {VIEW}").status == 0
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    (folder / "blob.npy").unlink()
+    (folder / "tf.json").unlink()
+    outcome = run(f"render meshes -o cache.npy {VIEW}")
+    assert outcome.status == 0, outcome.err
+    assert outcome.err == ""
+    assert outcome.fields()["isovalues"] == "13 (13 from the cache)"
+    picture = np.load("volume.npy")
+    assert picture[..., 3].max() > 0.5
+    assert (folder / "cache.npy").read_bytes() == (folder / "volume.npy").read_bytes()
+
+
+@pytest.mark.usefixtures("gl", "cache")
+def test_a_cache_folder_takes_new_colours_and_fewer_values(run: Run, folder: Path) -> None:
+    recoloured = [point | {"color": [0.25, 0.5, 1]} for point in TF["points"]]
+    write_json(Path("new.json"), {"points": recoloured})
+    # thirds of a slope are among its sixths
+    for options in ("--tf new.json", "--per-slope 2 --tf tf.json", "--per-slope 0 --tf new.json"):
+        assert run(f"render blob.npy {options} -o volume.npy {VIEW}").status == 0
+        outcome = run(f"render meshes {options} -o cache.npy {VIEW}")
+        assert outcome.status == 0, outcome.err
+        assert (folder / "cache.npy").read_bytes() == (folder / "volume.npy").read_bytes()
+
+
+@pytest.mark.usefixtures("gl")
+def test_rendering_with_a_cache_folder_fills_it_and_then_uses_it(run: Run, folder: Path) -> None:
+    render = f"render blob.npy --tf tf.json --cache meshes {VIEW} --stats stats.json"
+    pictures, reused = [], []
+    for _ in range(2):
+        assert run(f"{render} -o out.npy").status == 0
+        pictures.append((folder / "out.npy").read_bytes())
+        reused.append(json.loads(Path("stats.json").read_text())["levels_reused"])
+    assert reused == [0, 13]
+    assert pictures[0] == pictures[1]
+    assert run(f"render meshes -o out.npy {VIEW}").status == 0
+    assert (folder / "out.npy").read_bytes() == pictures[0]
+
+
+@pytest.mark.usefixtures("gl")
+def test_masked_samples_stay_masked_in_the_cache(run: Run, folder: Path) -> None:
+    samples = blob()
+    samples[3:5, 4, 5] = np.nan
+    np.save("holed.npy", samples)
+    assert run(f"render holed.npy --nan masked --tf tf.json -o volume.npy {VIEW}").status == 0
+    assert run("precompute holed.npy --nan masked --tf tf.json --cache meshes").status == 0
+    for options in ("", "--tf tf.json", "--per-slope 5"):
+        assert run(f"render meshes -o cache.npy {VIEW} {options}").status == 0
+        assert (folder / "cache.npy").read_bytes() == (folder / "volume.npy").read_bytes()
+    run(f"render blob.npy --tf tf.json -o whole.npy {VIEW}")
+    assert (folder / "whole.npy").read_bytes() != (folder / "volume.npy").read_bytes()
