@@ -17,8 +17,9 @@ from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
-from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants, storage_dtype
-from isosample.rendering.programs import Programs, storage_bindings
+from isosample.rendering.fragment_pool import FragmentPool
+from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants
+from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
@@ -118,11 +119,9 @@ class ABuffer:
         self._programs = Programs(ctx)
         with self.timer.stage("upload"):
             self._device = DeviceScene(ctx, scene)
-        self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
+        self._pool = FragmentPool(ctx)
         self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
         self._query = ctx.query(samples=True)
-        self._pool: moderngl.Buffer | None = None
-        self._heads: moderngl.Buffer | None = None
         self._target: moderngl.Framebuffer | None = None
         self._rasteriser: moderngl.Framebuffer | None = None
 
@@ -137,10 +136,8 @@ class ABuffer:
         self._release_targets()
         self._device.release()
         self._programs.release()
-        for owned in (self._counters, self._frame_buffer, self._pool, self._heads):
-            if owned is not None:
-                owned.release()
-        self._pool = self._heads = None
+        self._pool.release()
+        self._frame_buffer.release()
 
     def render(
         self,
@@ -179,7 +176,7 @@ class ABuffer:
         width, height = check_size(size)
         target = self._make_targets(width, height)
         frame = self._frame(camera, (width, height), settings)
-        parts = strips(width, height, self._limits.storage_block_bytes // 4)
+        parts = strips(width, height, self._pool.max_pixels)
         done = 0
         while parts:
             part = parts.pop(0)
@@ -190,7 +187,7 @@ class ABuffer:
                 frame.statistics.tiles += 1
                 if progress is not None:
                     progress(done, width * height)
-        frame.statistics.pool_bytes = 0 if self._pool is None else self._pool.size
+        frame.statistics.pool_bytes = self._pool.size_bytes
         with self.timer.stage("read back"):
             pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
         return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
@@ -215,29 +212,26 @@ class ABuffer:
         frame = self._frame(camera, (width, height), settings)
         tile = Tile(0, 0, width, height)
         measured = self._measure(tile, frame)
-        if not self._grow_pool(measured, settings):
+        if not self._pool.grow(measured, settings.fragment_budget_bytes):
             raise CapacityError(f"{measured} fragments do not fit the budget; make the picture smaller.")
         self._build(tile, frame)
-        assert self._pool is not None
-        assert self._heads is not None
-        heads = np.frombuffer(self._heads.read(size=4 * tile.pixel_count), dtype=np.uint32)
-        nodes = np.frombuffer(self._pool.read(), dtype=storage_dtype("Node"))
-        return decode_lists(tile, heads, nodes)
+        return decode_lists(tile, self._pool.heads(tile), self._pool.nodes())
 
     # -- one tile ---------------------------------------------------------------------------------
 
     def _render_tile(self, tile: Tile, frame: _Frame) -> list[Tile]:
         """Render a tile, or return smaller tiles to render in its place because its lists do not fit."""
-        if self._pool is None:
+        budget = frame.settings.fragment_budget_bytes
+        if self._pool.is_empty:
             with self.timer.stage("measure"):
                 measured = self._measure(tile, frame)
-            if not self._grow_pool(measured, frame.settings):
+            if not self._pool.grow(measured, budget):
                 return self._split(tile, frame)
         counters, rasterised = self._build(tile, frame)
         asked = int(counters["node_count"])
-        if rasterised == QUERY_SATURATED or asked > self._capacity:
+        if rasterised == QUERY_SATURATED or asked > self._pool.capacity:
             needed = max(asked, rasterised)
-            return [tile] if self._grow_pool(needed, frame.settings) else self._split(tile, frame)
+            return [tile] if self._pool.grow(needed, budget) else self._split(tile, frame)
         self._resolve(tile, frame)
         self._account(rasterised, frame.statistics)
         return []
@@ -250,22 +244,21 @@ class ABuffer:
     def _split(self, tile: Tile, frame: _Frame) -> list[Tile]:
         """Tiles whose lists fit, from a count of every pixel's fragments."""
         with self.timer.stage("count"):
-            heads = self._prepare_heads(tile, fill=b"\0\0\0\0")
+            self._pool.clear_counts(tile)
             self._bind(tile, frame)
             self._draw("count.frag", "count.frag", tile, frame)
             self._ctx.memory_barrier()
-            counts = np.frombuffer(heads.read(size=4 * tile.pixel_count), dtype=np.uint32)
-        return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._capacity)
+            counts = self._pool.heads(tile)
+        return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._pool.capacity)
 
     def _build(self, tile: Tile, frame: _Frame) -> tuple[np.void, int]:
         """Fill the lists; return the counters and the number of fragments by an independent count."""
         with self.timer.stage("build"):
-            self._prepare_heads(tile, fill=b"\xff\xff\xff\xff")
-            self._counters.clear()
+            self._pool.clear_lists(tile)
             self._bind(tile, frame)
             rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, SHADING=frame.shading)
             self._ctx.memory_barrier()
-            return self._read_counters(), rasterised
+            return self._pool.counters(), rasterised
 
     def _draw(self, fragment: str, mask_fragment: str, tile: Tile, frame: _Frame, **constants: int) -> int:
         """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
@@ -282,10 +275,10 @@ class ABuffer:
         limit = shared_constants()["LINK_SORT_LIMIT"]
         with self.timer.stage("resolve"):
             self._integrate(tile, frame)
-            longest = int(self._read_counters()["max_depth_complexity"])
+            longest = int(self._pool.counters()["max_depth_complexity"])
             if longest > limit:
                 self._merge_long_lists(tile, longest)
-                self._clear_resolve_counters()
+                self._pool.clear_resolve_counters()
                 self._integrate(tile, frame)
 
     def _integrate(self, tile: Tile, frame: _Frame) -> None:
@@ -333,7 +326,7 @@ class ABuffer:
 
     def _account(self, rasterised: int, statistics: FrameStatistics) -> None:
         """Add a tile's counters; raise if its lists lack fragments."""
-        counters = self._read_counters()
+        counters = self._pool.counters()
         walked, built = int(counters["walked_count"]), int(counters["node_count"])
         lost = max(abs(rasterised - walked), abs(built - walked))
         if lost:
@@ -364,35 +357,6 @@ class ABuffer:
         inside = bool(np.all((unit >= 0.0) & (unit <= 1.0)))
         return (1.0, -1.0) if rays.perspective and inside else (1.0,)
 
-    @property
-    def _capacity(self) -> int:
-        """Nodes that the pool holds."""
-        return 0 if self._pool is None else self._pool.size // storage_dtype("Node").itemsize
-
-    def _grow_pool(self, node_count: int, settings: RenderSettings) -> bool:
-        """Make the pool hold `node_count` nodes; if the budget or the driver allows less, make it that large.
-
-        Returns whether all of them fit.
-        """
-        node_bytes = storage_dtype("Node").itemsize
-        largest = min(self._limits.storage_block_bytes, settings.fragment_budget_bytes) // node_bytes
-        wanted = min(max(node_count, 1), largest)
-        if wanted > self._capacity:
-            if self._pool is not None:
-                self._pool.release()
-            self._pool = self._ctx.buffer(reserve=wanted * node_bytes)
-        return node_count <= largest
-
-    def _prepare_heads(self, tile: Tile, fill: bytes) -> moderngl.Buffer:
-        """The buffer of list heads (or counts), large enough for the tile and filled."""
-        needed = 4 * tile.pixel_count
-        if self._heads is None or self._heads.size < needed:
-            if self._heads is not None:
-                self._heads.release()
-            self._heads = self._ctx.buffer(reserve=needed)
-        self._heads.clear(size=needed, chunk=fill)
-        return self._heads
-
     def _make_targets(self, width: int, height: int) -> moderngl.Framebuffer:
         """Framebuffers of the picture's size: one with the picture (returned), one without attachments."""
         if self._target is not None and self._target.size == (width, height):
@@ -418,24 +382,11 @@ class ABuffer:
 
     def _bind(self, tile: Tile, frame: _Frame) -> None:
         """Write the frame block and bind every buffer."""
-        set_tile(frame.block, tile, self._capacity)
+        set_tile(frame.block, tile, self._pool.capacity)
         self._frame_buffer.write(frame.block.tobytes())
         self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
         self._device.bind()
-        own = {"Heads": self._heads, "Nodes": self._pool, "CounterBlock": self._counters}
-        for name, buffer in own.items():
-            if buffer is not None:
-                buffer.bind_to_storage_buffer(storage_bindings()[name])
-
-    def _read_counters(self) -> np.void:
-        counters: np.void = np.frombuffer(self._counters.read(), dtype=storage_dtype("Counters"))[0]
-        return counters
-
-    def _clear_resolve_counters(self) -> None:
-        """Set all counters but the build pass's to zero."""
-        counters = np.zeros(1, dtype=storage_dtype("Counters"))
-        counters["node_count"] = self._read_counters()["node_count"]
-        self._counters.write(counters.tobytes())
+        self._pool.bind()
 
 
 def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:

@@ -1,0 +1,126 @@
+"""The A-buffer's memory: list heads, nodes and counters, grown as a picture needs and never past the budget."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.gl.context import limits
+from isosample.rendering.frame import storage_dtype
+from isosample.rendering.programs import storage_bindings
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from isosample.rendering.tiles import Tile
+
+HEAD_BYTES = 4
+LIST_END_BYTES = b"\xff\xff\xff\xff"
+ZERO_BYTES = b"\0\0\0\0"
+
+
+class FragmentPool:
+    """Buffers of the lists of one tile.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._block_bytes = limits(ctx).storage_block_bytes
+        self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
+        self._nodes: moderngl.Buffer | None = None
+        self._heads: moderngl.Buffer | None = None
+
+    def release(self) -> None:
+        """Free every buffer."""
+        for buffer in (self._counters, self._nodes, self._heads):
+            if buffer is not None:
+                buffer.release()
+        self._nodes = self._heads = None
+
+    @property
+    def max_pixels(self) -> int:
+        """Pixels whose list heads fit one storage block."""
+        return self._block_bytes // HEAD_BYTES
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no memory for nodes was asked for yet."""
+        return self._nodes is None
+
+    @property
+    def capacity(self) -> int:
+        """Nodes that fit."""
+        return self.size_bytes // storage_dtype("Node").itemsize
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory of the nodes."""
+        return 0 if self._nodes is None else self._nodes.size
+
+    def grow(self, node_count: int, budget_bytes: int) -> bool:
+        """Make room for `node_count` nodes, or for as many as the budget and the driver allow.
+
+        Returns
+        -------
+        fits : bool
+            Whether that is all of them.
+        """
+        node_bytes = storage_dtype("Node").itemsize
+        largest = min(self._block_bytes, budget_bytes) // node_bytes
+        wanted = min(max(node_count, 1), largest)
+        if wanted > self.capacity:
+            if self._nodes is not None:
+                self._nodes.release()
+            self._nodes = self._ctx.buffer(reserve=wanted * node_bytes)
+        return node_count <= largest
+
+    def clear_lists(self, tile: Tile) -> None:
+        """Empty the list of every pixel of a tile, and set all counters to zero."""
+        self._fill_heads(tile, LIST_END_BYTES)
+        self._counters.clear()
+
+    def clear_counts(self, tile: Tile) -> None:
+        """Set the heads of a tile to zero: they count fragments in the count pass."""
+        self._fill_heads(tile, ZERO_BYTES)
+
+    def bind(self) -> None:
+        """Bind what there is to the storage blocks of the shaders."""
+        own = {"Heads": self._heads, "Nodes": self._nodes, "CounterBlock": self._counters}
+        for name, buffer in own.items():
+            if buffer is not None:
+                buffer.bind_to_storage_buffer(storage_bindings()[name])
+
+    def heads(self, tile: Tile) -> npt.NDArray[np.uint32]:
+        """(height · width,) uint32, the heads (or counts) of a tile, rows counted upwards."""
+        assert self._heads is not None
+        return np.frombuffer(self._heads.read(size=HEAD_BYTES * tile.pixel_count), dtype=np.uint32)
+
+    def nodes(self) -> npt.NDArray[np.void]:
+        """(capacity,) struct Node, all nodes."""
+        assert self._nodes is not None
+        return np.frombuffer(self._nodes.read(), dtype=storage_dtype("Node"))
+
+    def counters(self) -> np.void:
+        """Struct Counters as the passes left it."""
+        counters: np.void = np.frombuffer(self._counters.read(), dtype=storage_dtype("Counters"))[0]
+        return counters
+
+    def clear_resolve_counters(self) -> None:
+        """Set all counters but the build pass's to zero."""
+        cleared = np.zeros(1, dtype=storage_dtype("Counters"))
+        cleared["node_count"] = self.counters()["node_count"]
+        self._counters.write(cleared.tobytes())
+
+    def _fill_heads(self, tile: Tile, pattern: bytes) -> None:
+        needed = HEAD_BYTES * tile.pixel_count
+        if self._heads is None or self._heads.size < needed:
+            if self._heads is not None:
+                self._heads.release()
+            self._heads = self._ctx.buffer(reserve=needed)
+        self._heads.clear(size=needed, chunk=pattern)
