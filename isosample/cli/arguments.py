@@ -98,9 +98,9 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--zoom",
-        type=values.positive,
+        type=values.zoom,
         metavar="F",
-        help="magnification; 1 fits the box's bounding sphere (default 1)",
+        help="magnification, 1e-6 to 1e6; 1 fits the box's bounding sphere (default 1)",
     )
     group.add_argument(
         "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import F64, Box, Volume
 
-SURFACE_OPTIONS = ("cache", "per_slope", "plan")
+SURFACE_OPTIONS = {  # with their defaults
+    "cache": None,
+    "per_slope": None,
+    "plan": False,
+    "segment": "linear",
+    "stage": "auto",
+}
 PICTURE_SUFFIXES = (".png", ".npy")
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
 EXAMPLE = """\
@@ -111,8 +117,8 @@ def _run_reference(
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
     from isosample.rendering.reference_image import render_reference
 
-    for name in SURFACE_OPTIONS:
-        if getattr(args, name):
+    for name, default in SURFACE_OPTIONS.items():
+        if getattr(args, name) != default:
             option = name.replace("_", "-")
             raise InputError(
                 f"--{option} is about isosurfaces, and --method reference has none; leave it out."

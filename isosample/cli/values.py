@@ -8,6 +8,8 @@ import re
 
 SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
 LARGEST_EDGE = 1 << 20
+LARGEST_ZOOM = 1e6  # the GPU places vertices in float32: beyond it one pixel shows less than a rounding step
+SMALLEST_NORMAL, LARGEST_NORMAL = 1e-100, 1e100  # squares of these stay inside float64
 
 
 def picture_size(text: str) -> tuple[int, int]:
@@ -30,6 +32,16 @@ def positive(text: str) -> float:
     if number <= 0:
         raise argparse.ArgumentTypeError(f"{text!r} must be above 0")
     return number
+
+
+def zoom(text: str) -> float:
+    """Return a magnification that float32 can show."""
+    factor = positive(text)
+    if not 1 / LARGEST_ZOOM <= factor <= LARGEST_ZOOM:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must lie between {1 / LARGEST_ZOOM:g} and {LARGEST_ZOOM:g}"
+        )
+    return factor
 
 
 def count(text: str) -> int:
@@ -66,6 +78,11 @@ def clip_plane(text: str) -> tuple[float, float, float, float]:
     nx, ny, nz, d = _numbers(text, "four finite numbers as NX,NY,NZ,D, such as 1,0,0,-20", (4,))
     if not (nx or ny or nz):
         raise argparse.ArgumentTypeError(f"{text!r} has a normal of length 0; NX,NY,NZ must not all be 0")
+    if not SMALLEST_NORMAL <= math.hypot(nx, ny, nz) <= LARGEST_NORMAL:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} has a normal that is shorter than {SMALLEST_NORMAL:g} or longer than {LARGEST_NORMAL:g}; "
+            "scale the four numbers"
+        )
     return nx, ny, nz, d
 
 

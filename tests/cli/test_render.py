@@ -64,6 +64,7 @@ def column_x(width: int = 16) -> npt.NDArray[np.float64]:
 SETTINGS: dict[str, dict[str, Any]] = {
     "": {},
     "--azimuth 30 --elevation -20 --zoom 1.5": {"camera": {"azimuth": 30.0, "elevation": -20.0, "zoom": 1.5}},
+    "--up z --azimuth 30": {"camera": {"up_axis": isosample.UpAxis.Z, "azimuth": 30.0}},
     "--azimuth -30": {"camera": {"azimuth": -30.0}},
     "--projection perspective": {"camera": {"projection": isosample.Projection.PERSPECTIVE}},
     "--per-slope 1": {"per_slope": 1},
@@ -195,6 +196,20 @@ def test_the_summary_says_where_the_picture_is_and_that_nothing_was_lost(run: Ru
     assert fields["picture"] == "out.png (24 x 16 pixels)"
     assert fields["isovalues"] == "13"
     assert fields["fragments"].endswith("lost 0)")
+
+
+def test_the_reference_is_that_of_the_library_and_close_to_the_picture(run: Run) -> None:
+    write_slab()
+    slab = "render slab.npy --tf white.json --size 16x16 --clip -1,0,0,4"
+    outcome = run(f"{slab} --method reference --stats stats.json -o reference.npy")
+    assert outcome.status == 0, outcome.err
+    assert "float64 reference" in outcome.fields()["picture"]
+    stats = json.loads(Path("stats.json").read_text(encoding="utf-8"))
+    assert (stats["method"], stats["source"]) == ("reference", "slab.npy")
+    assert run(f"{slab} -o out.npy").status == 0
+    # A constant medium is exact in both: what is left is the picture's float32.
+    np.testing.assert_allclose(pixels(), pixels("reference.npy"), rtol=0, atol=ROUNDING)
+    assert pixels()[8, 6, 3] == pytest.approx(opacity_after(7), abs=ROUNDING)
 
 
 def test_statistics_hold_what_the_contract_names(run: Run) -> None:

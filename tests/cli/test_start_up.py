@@ -11,6 +11,7 @@ from typing import NoReturn
 import pytest
 
 from cli.harness import ROOT, Run, content, run_beside, write_json
+from isosample import cli
 from isosample.cli import build_parser, info
 from isosample.cli.parser import join_negative_values
 
@@ -26,7 +27,7 @@ HEAVY = [
     "PIL",
     "tifffile",
 ]
-COMMANDS = ("demo", "info", "precompute", "render", "export", "doctor")
+COMMANDS = ("demo", "info", "precompute", "render", "verify", "export", "doctor")
 ESCAPE = "\x1b"
 
 
@@ -66,6 +67,7 @@ def test_info_loads_no_opengl_and_no_reader_of_other_formats() -> None:
 
 
 def test_help_lists_every_command_with_its_sentence(run: Run) -> None:
+    assert {command.__name__.rpartition(".")[2] for command in cli.COMMANDS} == {*COMMANDS}
     outcome = run("--help")
     assert outcome.status == 0
     assert outcome.err == ""

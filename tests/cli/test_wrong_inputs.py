@@ -112,6 +112,15 @@ COMMAND_LINES = {
     "background by name": Wrong(f"{RENDER} --background white", ("'white'", "R,G,B")),
     "unknown projection": Wrong(f"{RENDER} --projection isometric", ("'isometric'", "perspective")),
     "zoom of zero": Wrong(f"{RENDER} --zoom 0", ("'0'", "--zoom", "above 0")),
+    "zoom beyond float32": Wrong(f"{RENDER} --zoom 1e9", ("'1e9'", "--zoom", "1e+06")),
+    "normal that is too short": Wrong(f"{RENDER} --clip 1e-300,0,0,1", ("'1e-300,0,0,1'", "1e-100")),
+    "normal that is too long": Wrong(f"{RENDER} --clip -1e300,0,0,1", ("'-1e300,0,0,1'", "1e+100")),
+    "unknown axis": Wrong(f"{RENDER} --up x", ("'x'", "--up")),
+    "isovalues of the reference": Wrong(f"{RENDER} --method reference --per-slope 0", ("--per-slope",)),
+    "plan of the reference": Wrong(f"{RENDER} --method reference --plan", ("--plan", "reference")),
+    "segments of the reference": Wrong(f"{RENDER} --method reference --segment constant", ("--segment",)),
+    "stage of the reference": Wrong(f"{RENDER} --method reference --stage compute", ("--stage",)),
+    "cache of the reference": Wrong(f"{RENDER} --method reference --cache meshes", ("--cache",)),
     "azimuth in words": Wrong(f"{RENDER} --azimuth north", ("'north'", "--azimuth")),
     "elevation that is not finite": Wrong(f"{RENDER} --elevation nan", ("'nan'", "--elevation")),
     "unknown segment": Wrong(f"{RENDER} --segment wavy", ("'wavy'", "linear")),
@@ -266,6 +275,9 @@ CACHES = {
         "export meshes --isovalue 50 --spacing 1,1,1 -o out.ply", ("--spacing", "meshes")
     ),
     "a cache of a cache": Wrong("render meshes --cache more -o out.png", ("--cache", "meshes")),
+    "a reference without the volume": Wrong(
+        "render meshes --method reference -o out.png", ("meshes", "cache")
+    ),
     "as a volume": Wrong("precompute meshes --cache more", ("meshes", "cache")),
     "an isovalue that is not there": Wrong(
         "export meshes --isovalue 51 -o out.ply", ("meshes", "51.0", "50.0, 55.0")
