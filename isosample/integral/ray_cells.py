@@ -28,10 +28,9 @@ if TYPE_CHECKING:
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-State = tuple[int, int, float]  # what is known about the field where the march is; band; value
+State = tuple[bool, int, float]  # is the field's value known where the march is; its band; the value
 
 COUNT_NAMES = ("cells", "cells_without_extinction", "blocks_skipped", "cells_masked", "quadrature_panels")
-OUTSIDE, BAND_KNOWN, VALUE_KNOWN = range(3)
 CELLS, UNSEEN, BLOCKS, MASKED, PANEL_COUNT = range(len(COUNT_NAMES))
 
 
@@ -104,7 +103,7 @@ def _march(
 @compiled
 def _nowhere() -> State:
     """Return the state before the first cell."""
-    return OUTSIDE, 0, 0.0
+    return False, 0, 0.0
 
 
 @compiled
@@ -122,27 +121,27 @@ def _walk_cell(
     known, band, _ = state
     corners, ends = scratch
     counts[CELLS] += 1
-    if known == OUTSIDE:
+    if not known:
         band = band_above(optics.bands.edges, band, corners[0, 0, 0])
     if _invisible(corners, optics.bands, band):
         counts[UNSEEN] += 1
-        return BAND_KNOWN, band, 0.0
+        return False, band, 0.0  # strictly inside the band, so the next cell starts afresh
     for i in range(2):
         _place_in_cell(line[0], line[1], cell, between[i], ends[i])
     cubic = cubic_between(corners, ends[0], ends[1])  # its first value is the last of the cell before
-    if known == OUTSIDE:
+    if not known:
         band = band_above(optics.bands.edges, band, cubic[0])
     band = walk_cubic(walk, band, cubic, between[1] - between[0], optics)
-    return VALUE_KNOWN, band, cubic[3]
+    return True, band, cubic[3]
 
 
 @compiled
 def _leave_field(walk: F64, optics: Optics, state: State) -> State:
     """Cross the level on which the field ends, if it does: the level itself is inside."""
     known, band, value = state
-    if known == VALUE_KNOWN and walk[TRANSMITTANCE] >= OPAQUE:
+    if known and walk[TRANSMITTANCE] >= OPAQUE:
         cross_levels(walk, band, band_above(optics.bands.edges, band, value), optics.bands)
-    return OUTSIDE, band, 0.0
+    return False, band, 0.0
 
 
 @compiled
@@ -272,7 +271,7 @@ def integrate_piece_block(
             if piece == first[ray]:
                 band = band_above(optics.bands.edges, band, b[0])
             band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], optics)
-            state = (VALUE_KNOWN, band, b[3])
+            state = (True, band, b[3])
             if walk[TRANSMITTANCE] < OPAQUE:
                 break
         _leave_field(walk, optics, state)

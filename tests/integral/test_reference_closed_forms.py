@@ -131,6 +131,13 @@ def test_a_linear_field_under_one_linear_piece_is_one_segment(
             assert expected[:, 3].max() > 0.5
 
 
+def test_thin_media_keep_all_digits_where_the_colour_changes() -> None:
+    """To first order light is extinction times length: 6e-18 in all, red and blue half each, by symmetry."""
+    tf = TransferFunction([ControlPoint(0.0, RED, 1e-18), ControlPoint(6.0, BLUE, 1e-18)])
+    rgba = column([0, 1, 2, 3, 4, 5, 6], tf)
+    assert rgba == pytest.approx([3e-18, 0.0, 3e-18, 6e-18], rel=1e-14, abs=0.0)
+
+
 def test_impulses_composite_once_each_in_the_order_of_travel() -> None:
     surfaces = [Isosurface(1.25, RED, 0.5), Isosurface(3.0, GREEN, 0.4), Isosurface(5.5, BLUE, 0.3)]
     tf = TransferFunction([], surfaces)

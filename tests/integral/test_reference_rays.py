@@ -166,6 +166,23 @@ def test_blocks_without_extinction_are_skipped_and_nothing_is_lost() -> None:
     assert rgba[clear] == pytest.approx(np.tile([0.0, 0.75, 0.0, 0.75], (clear.sum(), 1)), abs=1e-15)
 
 
+@pytest.mark.parametrize("place", [(8, 4, 4), (4, 8, 4), (4, 4, 8), (8, 8, 8), (24, 0, 24)])
+def test_a_sample_between_blocks_is_seen_from_every_block(place: tuple[int, int, int]) -> None:
+    """All else is invisible; the picture is that of a volume in which no block is skipped."""
+    samples = np.zeros((25, 25, 25))
+    samples[place] = 1.0
+    tf = TransferFunction([ControlPoint(0.3, (1.0, 0.0, 0.0), 1.0), ControlPoint(1.0, (1.0, 0.0, 0.0), 1.0)])
+    ways = np.random.default_rng(12).normal(size=(60, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    origins = np.array(place[::-1]) + 0.2 * ways[::-1] - 30.0 * ways
+    tracer = ReferenceTracer.build(Volume(samples), tf)
+    assert not tracer.grid.visible.all()
+    rgba = tracer.integrate(origins, ways)[0]
+    tracer.grid.visible[:] = True
+    assert np.abs(rgba - tracer.integrate(origins, ways)[0]).max() <= 1e-13
+    assert np.count_nonzero(rgba[:, 3] > 0.1) > 10
+
+
 def test_progress_counts_every_ray_once() -> None:
     seen: list[tuple[int, int]] = []
     origins, ways = np.tile([3.0, 9.0, -5.0], (1200, 1)), np.tile([0.0, 0.0, 1.0], (1200, 1))
