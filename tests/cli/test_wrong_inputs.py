@@ -333,6 +333,11 @@ PICTURES_OF_VOLUMES = {
         ("holed.npy", "infin", "--nan"),
         array("holed.npy", np.where(np.isnan(HOLED), np.inf, HOLED)),
     ),
+    "folder of the demo that is a file": Wrong("demo -o tf.json", ("tf.json", "folder")),
+    "folder of the studies that is a file": Wrong("verify -o tf.json", ("tf.json", "folder")),
+    "picture beyond the driver": Wrong(
+        "render blob.npy --tf tf.json --size 1000000x1 -o out.png", ("1000000 x 1",)
+    ),
     "another volume's cache": Wrong(
         "render blob.npy --spacing 1,1,2 --tf tf.json --cache meshes -o out.png",
         ("meshes", "another volume"),
