@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from isosample.rendering.pipeline import Renderer as Renderer
     from isosample.rendering.pipeline import render as render
     from isosample.rendering.pipeline import render_surfaces as render_surfaces
+    from isosample.rendering.reference_image import render_reference as render_reference
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
@@ -61,6 +62,7 @@ _HOMES = {
     "open_volume": "volume.readers",
     "plan_isovalues": "transfer.isovalues",
     "render": "rendering.pipeline",
+    "render_reference": "rendering.reference_image",
     "render_surfaces": "rendering.pipeline",
 }
 
