@@ -14,6 +14,8 @@ import pytest
 import isosample
 from cli.harness import Run, blob, write_json
 from cli.test_info import write_turned
+from isosample.cli import build_parser
+from isosample.cli.render import settings_of
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -108,6 +110,20 @@ def test_a_camera_file_gives_the_bits_of_the_same_orbit(run: Run) -> None:
     assert run(f"{RENDER} --camera camera.json -o file.npy").status == 0
     assert run(f"{RENDER} --azimuth 30 -o orbit.npy").status == 0
     np.testing.assert_array_equal(pixels("file.npy"), pixels("orbit.npy"))
+
+
+def test_an_upright_picture_fits_the_box_to_its_width(run: Run) -> None:
+    assert run("render blob.npy --tf tf.json --size 16x24 -o out.npy").status == 0
+    expected = isosample.render(
+        isosample.Volume(blob()), isosample.TransferFunction.load("tf.json"), size=(16, 24)
+    )
+    np.testing.assert_array_equal(pixels(), expected.rgba)
+
+
+@pytest.mark.parametrize("stage", ["auto", "fragment", "compute"])
+def test_the_stage_reaches_the_settings(stage: str) -> None:
+    args = build_parser().parse_args(["render", "blob.npy", "-o", "out.npy", "--stage", stage])
+    assert settings_of(args).stage.value == stage
 
 
 def test_both_stages_give_the_same_picture(run: Run) -> None:
