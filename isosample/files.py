@@ -41,7 +41,7 @@ def replacing(
     error_class
         If the file cannot be written; the message names it and the reason.
     """
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")  # short, whatever the name
     try:
         if make_folder:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,6 +23,7 @@ F64 = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 DEFAULT_FOV_Y_DEGREES = 30.0
+LARGEST, SMALLEST = 1e30, 1e-30  # what float32 can square, or nearly
 PARALLEL_LIMIT = 1e-6  # sine of the smallest angle between the view direction and `up`
 
 
@@ -111,7 +112,7 @@ class Camera:
         for name in ("eye", "target", "up"):
             object.__setattr__(self, name, _vector(getattr(self, name), f"camera {name}"))
         if self.projection is Projection.ORTHOGRAPHIC:
-            _check_size(self.height, "height", math.inf, self.fov_y_degrees, "fov_y_degrees", "orthographic")
+            _check_size(self.height, "height", LARGEST, self.fov_y_degrees, "fov_y_degrees", "orthographic")
         else:
             _check_size(self.fov_y_degrees, "fov_y_degrees", 180.0, self.height, "height", "perspective")
         view = np.subtract(self.target, self.eye)
@@ -257,7 +258,7 @@ class Camera:
             entries = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise InputError(f"cannot read camera file {path}: {error.strerror}.") from error
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise InputError(f"camera file {path} is not JSON: {error}.") from error
         return cls.from_dict(entries, source=str(path))
 
@@ -272,10 +273,10 @@ def _orbit_frame(azimuth: float, elevation: float) -> tuple[F64, F64]:
 def _vector(values: object, what: str) -> Vector:
     try:
         numbers = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.empty(0)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise InputError(f"{what} {values!r} must be three finite numbers (x, y, z).")
+    if numbers.shape != (3,) or not np.all(np.abs(numbers) < LARGEST):
+        raise InputError(f"{what} {values!r} must be three numbers (x, y, z) below {LARGEST:g}.")
     return (float(numbers[0]), float(numbers[1]), float(numbers[2]))
 
 
@@ -287,7 +288,7 @@ def _check_size(
         raise InputError(
             f"{other_name} {other!r} does not belong to the {projection} projection; give {name}."
         )
-    if not isinstance(size, (int, float)) or not 0 < size < limit:
+    if not isinstance(size, (int, float)) or not SMALLEST < size < limit:
         raise InputError(
-            f"{name} {size!r} must be a number between 0 and {limit} for the {projection} projection."
+            f"{name} {size!r} must be a number between {SMALLEST:g} and {limit:g} for the {projection} projection."
         )

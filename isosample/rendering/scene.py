@@ -21,6 +21,8 @@ F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 U32 = npt.NDArray[np.uint32]
 
+LARGEST_LENGTH = 1e15  # [world]; its square, and that of its inverse, are float32 numbers
+LARGEST_DEPTH = 1e25
 MASK_DTYPE = np.dtype([("start", "<f4", 3), ("face", "<i4"), ("values", "<f4", 4)])
 VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
 
@@ -104,11 +106,13 @@ class Scene:
         Raises
         ------
         InputError
-            If the surfaces lack an isovalue of the plan, or a sample on the volume's faces is not finite.
+            If the surfaces lack an isovalue of the plan, or the box or an extinction is of a size that float32
+            cannot work with.
         CapacityError
             If there are more vertices than 32-bit indices can name.
         """
         rows = _rows_of_plan(surfaces, plan)
+        _check_magnitudes(surfaces.geometry.box.radius, plan)
         scale = ValueScale(*surfaces.value_range)
         by_isovalue: dict[float, list[BrickMesh]] = {}
         for mesh in surfaces.meshes:
@@ -149,6 +153,21 @@ def _rows_of_plan(surfaces: SurfaceSet, plan: IsovaluePlan) -> npt.NDArray[np.in
             f"{float(missing[0])!r}; extract them, or render with the transfer function they belong to."
         )
     return rows
+
+
+def _check_magnitudes(radius: float, plan: IsovaluePlan) -> None:
+    """Raise unless lengths, their squares, and optical depths stay well inside float32."""
+    if not 1.0 / LARGEST_LENGTH <= radius <= LARGEST_LENGTH:
+        raise InputError(
+            f"the volume's bounding sphere has a radius of {radius:g} world units; {1.0 / LARGEST_LENGTH:g} to "
+            f"{LARGEST_LENGTH:g} can be rendered. Give another --spacing."
+        )
+    thickest = float(plan.band_extinction.max(initial=0.0))
+    if thickest * radius > LARGEST_DEPTH:
+        raise InputError(
+            f"an extinction of {thickest:g} over a radius of {radius:g} is an optical depth above {LARGEST_DEPTH:g}; "
+            "lower the extinction."
+        )
 
 
 def _band_values(plan: IsovaluePlan, scale: ValueScale) -> F32:

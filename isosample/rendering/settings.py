@@ -65,7 +65,7 @@ class ClipPlane:
     ) -> tuple[float, float, float, float]:
         """The plane with a unit normal, for positions relative to `centre`: (nx, ny, nz, d)."""
         normal = np.array([self.nx, self.ny, self.nz])
-        length = float(np.linalg.norm(normal))
+        length = math.hypot(*normal)  # neither under- nor overflows
         unit = normal / length
         return (float(unit[0]), float(unit[1]), float(unit[2]), float(self.d / length + unit @ centre))
 

@@ -212,6 +212,7 @@ def extract_with_cache(
     levels = check_isovalues(isovalues)
     check_volume(volume, settings)
     volume_hash = content_hash(volume)
+    _check_owner(folder, volume_hash)
     keys = [surface_key(volume_hash, isovalue, settings) for isovalue in levels.tolist()]
     missing = np.array([not surface_path(folder, key).exists() for key in keys], dtype=np.bool_)
     extracted = extract_surfaces(volume, levels[missing], **asdict(settings), progress=progress)
@@ -231,15 +232,22 @@ def extract_with_cache(
     return replace(extracted, isovalues=levels, meshes=tuple(meshes), statistics=statistics)
 
 
+def _check_owner(folder: Path, content_hash: str) -> bool:
+    """Tell whether a folder is the volume's already; raise `CacheError` if it is another one's."""
+    if not (folder / "volume.json").exists():
+        return False
+    found = _read_volume(folder)["content_hash"]
+    if found != content_hash:
+        raise CacheError(
+            f"{folder} holds surfaces of another volume (content {found[:12]}…, this one has "
+            f"{content_hash[:12]}…). Choose another --cache folder."
+        )
+    return True
+
+
 def _write_volume(folder: Path, surfaces: SurfaceSet, content_hash: str, name: str) -> None:
     """Write boundary.npz and volume.json unless the volume's are there; refuse another volume's folder."""
-    if (folder / "volume.json").exists():
-        found = _read_volume(folder)["content_hash"]
-        if found != content_hash:
-            raise CacheError(
-                f"{folder} holds surfaces of another volume (content {found[:12]}…, this one has "
-                f"{content_hash[:12]}…). Choose another --cache folder."
-            )
+    if _check_owner(folder, content_hash):
         return
     faces: Arrays = {f"face_{number}": face for number, face in enumerate(surfaces.boundary.faces)}
     mask = surfaces.boundary.mask_faces

@@ -94,6 +94,9 @@ GOOD: dict[str, Any] = {"projection": "orthographic", "eye": [0, 0, 5], "target"
         ({"height": None}, "height None"),
         ({"height": float("nan")}, "height nan"),
         ({"height": "tall"}, "tall"),
+        ({"height": 1e-300}, "height 1e-300"),
+        ({"height": 10**400}, "height 1000"),
+        ({"eye": [0, 0, 1e200]}, "1e\\+200"),
         ({"fov_y_degrees": 30}, "fov_y_degrees 30"),
         ({"projection": "perspective"}, "height 4 does not belong"),
         ({"eye": [0, 0]}, r"eye \[0, 0\]"),
@@ -126,6 +129,9 @@ def test_a_camera_file_that_cannot_be_read_is_an_input_error(tmp_path: Path) -> 
     (tmp_path / "broken.json").write_text("{")
     with pytest.raises(InputError, match=r"broken.json is not JSON"):
         Camera.load(tmp_path / "broken.json")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"deep\.json is not JSON"):
+        Camera.load(tmp_path / "deep.json")
     (tmp_path / "list.json").write_text("[1]")
     with pytest.raises(InputError, match=r"list\.json: a camera has"):
         Camera.load(tmp_path / "list.json")
