@@ -31,7 +31,8 @@ def histogram(volume: Volume, bins: int = 256) -> tuple[npt.NDArray[np.int64], F
     -------
     counts : (B,) int64
     edges : (B + 1,) float64
-        In data units; halfway between whole numbers for integers. The last bin includes its upper edge.
+        In data units; halfway between whole numbers for integers. The last bin includes its upper edge. Bins go
+        beyond the range where its values are too close for so many.
 
     Raises
     ------
@@ -44,7 +45,9 @@ def histogram(volume: Volume, bins: int = 256) -> tuple[npt.NDArray[np.int64], F
     edges = (
         _whole_value_edges(int(low), int(high), bins)
         if volume.array.dtype.kind in "iu"
-        else np.linspace(low, high if high > low else low + 1, bins + 1)
+        else np.linspace(
+            low, max(high if high > low else low + 1, low + bins * _least_width(low, high)), bins + 1
+        )
     )
     counts = np.zeros(edges.size - 1, dtype=np.int64)
     for block in volume.blocks(BLOCK_BYTES):
@@ -55,9 +58,15 @@ def histogram(volume: Volume, bins: int = 256) -> tuple[npt.NDArray[np.int64], F
     return counts, edges
 
 
+def _least_width(low: float, high: float) -> float:
+    """Width of bins whose edges differ in float64, though the sums that give them are rounded."""
+    return 4 * float(np.spacing(np.float64(max(abs(low), abs(high)))))
+
+
 def _whole_value_edges(low: int, high: int, bins: int) -> F64:
     """Edges halfway between whole numbers, equally many whole numbers per bin."""
     span = high - low + 1
     width = 1 if span <= BIN_PER_VALUE else math.ceil(span / bins)
+    width = max(width, math.ceil(_least_width(low, high)))
     edges: F64 = low - 0.5 + width * np.arange(math.ceil(span / width) + 1, dtype=np.float64)
     return edges

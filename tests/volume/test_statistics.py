@@ -7,7 +7,7 @@ import pytest
 
 from isosample.errors import InputError
 from isosample.volume import statistics
-from isosample.volume.grid import Volume
+from isosample.volume.grid import SampleArray, Volume
 from isosample.volume.statistics import histogram
 
 
@@ -45,6 +45,23 @@ def test_blocks_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_constant_volume_fills_one_bin() -> None:
     counts, _ = histogram(Volume(np.full((2, 2, 2), 7.5)), bins=8)
     assert (counts.max(), counts.sum()) == (8, 8)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        np.full((2, 2, 2), -1e20),
+        np.linspace(1.0, 1.0 + 2.0**-51, 8).reshape(2, 2, 2),  # two steps of float64 at 1
+        np.full((2, 2, 2), np.iinfo(np.int64).max),
+        np.arange(8).reshape(2, 2, 2) + 2**60,  # steps of 256 in float64
+    ],
+    ids=["constant", "narrow", "largest", "whole"],
+)
+def test_values_that_float64_hardly_tells_apart_are_counted(samples: SampleArray) -> None:
+    counts, edges = histogram(Volume(samples), bins=64)
+    assert counts.sum() == 8
+    assert (np.diff(edges) > 0).all()
+    assert len(counts) <= 64
 
 
 def test_no_bins_are_refused() -> None:
