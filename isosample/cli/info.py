@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.console import byte_size, say, say_fields, say_json, thousands
+from isosample.cli.console import byte_size, say, say_fields, say_json, say_table, thousands
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
 from isosample.errors import InputError
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-HISTOGRAM_ROWS = 16
-HISTOGRAM_WIDTH = 50  # [character]
+HISTOGRAM_BINS = 256  # of the JSON, at most
+HISTOGRAM_ROWS = 16  # of the table, at most
+HISTOGRAM_WIDTH = 40  # [character]
 EXAMPLE = """\
 isosample info head.nrrd
 isosample info head.nrrd --tf bone.json --plan --histogram head_histogram.png
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def describe(volume: Volume) -> dict[str, Any]:
-    """Return what a volume is, JSON-ready; the range is None where no sample is finite."""
+    """Return what a volume is, JSON-ready; range and histogram are None where no sample is finite."""
     nan_count, infinity_count = volume.nonfinite_counts
     some_finite = nan_count + infinity_count < volume.array.size
     return {
@@ -93,6 +95,7 @@ def describe(volume: Volume) -> dict[str, Any]:
         "value_range": list(volume.value_range) if some_finite else None,
         "nan_count": nan_count,
         "infinity_count": infinity_count,
+        "histogram": histogram_of(volume) if some_finite else None,
     }
 
 
@@ -125,25 +128,42 @@ def _say(volume: Volume, description: dict[str, Any]) -> None:
         "NaN, infinite": f"{thousands(description['nan_count'])}, {thousands(description['infinity_count'])}",
     }
     say_fields(fields)
-    if value_range and sys.stdout.isatty():
-        _draw_histogram(volume)
+    if description["histogram"]:
+        _say_histogram(**description["histogram"])
 
 
 def _vector(numbers: Any) -> str:
     return ", ".join(f"{number:.7g}" for number in numbers)
 
 
-def _draw_histogram(volume: Volume) -> None:
-    """Draw the logarithm of the counts as bars of text."""
+def histogram_of(volume: Volume) -> dict[str, list[Any]]:
+    """Return the counts of the finite samples and the edges of their bins, HISTOGRAM_BINS at most, JSON-ready."""
     import numpy as np
 
     from isosample.volume.statistics import histogram
 
-    counts, edges = histogram(volume)
-    rows = np.array_split(np.arange(len(counts)), min(HISTOGRAM_ROWS, len(counts)))
-    totals = [int(counts[row].sum()) for row in rows]
-    longest = np.log1p(max(totals))
-    say("values from (logarithmic counts)")
-    for row, total in zip(rows, totals, strict=True):
-        bar = "█" * round(HISTOGRAM_WIDTH * float(np.log1p(total) / longest))
-        say(f"{edges[row[0]]:>12.6g} {bar} {thousands(total) if total else ''}".rstrip())
+    counts, edges = histogram(volume, HISTOGRAM_BINS)
+    starts = np.arange(0, len(counts), math.ceil(len(counts) / HISTOGRAM_BINS))
+    return {
+        "counts": np.add.reduceat(counts, starts).tolist(),
+        "edges": [*edges[starts].tolist(), float(edges[-1])],
+    }
+
+
+def _say_histogram(counts: list[int], edges: list[float]) -> None:
+    """Write the counts of HISTOGRAM_ROWS ranges at most; on a terminal with their logarithms as bars."""
+    say()
+    step = math.ceil(len(counts) / HISTOGRAM_ROWS)
+    starts = range(0, len(counts), step)
+    totals = [sum(counts[start : start + step]) for start in starts]
+    columns = ["values from", "to", "samples"]
+    rows = [
+        [f"{edges[start]:.6g}", f"{edges[min(start + step, len(counts))]:.6g}", thousands(total)]
+        for start, total in zip(starts, totals, strict=True)
+    ]
+    if sys.stdout.isatty():
+        longest = math.log1p(max(totals))
+        columns.append("logarithmic")
+        for row, total in zip(rows, totals, strict=True):
+            row.append("█" * round(HISTOGRAM_WIDTH * math.log1p(total) / longest))
+    say_table(columns, rows, numeric=(0, 1, 2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ import pytest
 from cli.harness import TF, Run, blob
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from isosample.volume.grid import SampleArray
 
 META_HEADER = """\
 ObjectType = Image
@@ -45,6 +49,33 @@ def test_text_tells_size_type_placement_and_values(run: Run) -> None:
     assert fields["NaN, infinite"] == "0, 0"
 
 
+def test_text_has_a_histogram_of_sixteen_ranges(run: Run) -> None:
+    lines = run("info blob.npy").out.splitlines()[10:]
+    assert lines[0].split("  ")[0] == "values from"
+    rows = [line.split() for line in lines[1:]]
+    edges = np.linspace(blob().min(), blob().max(), 17)
+    assert [float(row[0]) for row in rows] == pytest.approx(edges[:-1], rel=1e-5)  # six digits are shown
+    assert [float(row[1]) for row in rows] == pytest.approx(edges[1:], rel=1e-5)
+    assert [int(row[2]) for row in rows] == np.histogram(blob(), edges)[0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("samples", "bins"),
+    [
+        (blob(), 256),
+        (np.arange(1000, dtype=np.int16).reshape(10, 10, 10), 250),  # four whole values in each
+        (np.full((2, 3, 4), 7, np.uint8), 1),
+    ],
+    ids=["float", "integer", "constant"],
+)
+def test_json_has_a_histogram_of_all_samples(run: Run, samples: SampleArray, bins: int) -> None:
+    np.save("any.npy", samples)
+    found = json.loads(run("info any.npy --json").out)["histogram"]
+    assert len(found["counts"]) == bins
+    assert found["counts"] == np.histogram(samples, found["edges"])[0].tolist()
+    assert sum(found["counts"]) == samples.size
+
+
 def test_json_has_every_number_exactly(run: Run) -> None:
     samples = blob()
     samples[0, 0, :3] = [np.nan, np.inf, -np.inf]
@@ -63,8 +94,11 @@ def test_json_has_every_number_exactly(run: Run) -> None:
 
 def test_a_volume_without_a_finite_sample_is_described_all_the_same(run: Run) -> None:
     np.save("nan.npy", np.full((3, 4, 5), np.nan))
-    assert run("info nan.npy").fields()["values"] == "none is finite"
-    assert json.loads(run("info nan.npy --json").out)["value_range"] is None
+    outcome = run("info nan.npy")
+    assert outcome.fields()["values"] == "none is finite"
+    assert "values from" not in outcome.out
+    found = json.loads(run("info nan.npy --json").out)
+    assert (found["value_range"], found["histogram"]) == (None, None)
 
 
 def test_headerless_samples_are_read_by_shape_and_type(run: Run) -> None:
@@ -93,7 +127,9 @@ def test_the_plan_is_that_of_the_library(run: Run, option: str, per_slope: int) 
     low, high = float(blob().min()), float(blob().max())
     expected = plan_isovalues(TransferFunction.from_dict(TF), (low, high), per_slope=per_slope)
     outcome = run(f"info blob.npy --tf tf.json --plan {option}")
-    title, heading, *lines, left_out = outcome.out.splitlines()[9:]
+    text = outcome.out.splitlines()
+    start = next(number for number, line in enumerate(text) if " isovalues in the range" in line)
+    title, heading, *lines, left_out = text[start:]
     assert title.startswith(f"{len(expected.isovalues)} isovalues in the range")
     assert heading.split()[:3] == ["level", "isovalue", "reason"]
     assert [line.split()[:2] for line in lines] == [
