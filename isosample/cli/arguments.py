@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isosample.cli import values
+from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
 
 if TYPE_CHECKING:
     import argparse
 
-DEFAULT_PER_SLOPE = 5
-DEFAULT_SIZE = (800, 800)
+SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
 CACHE_VARIABLE = "ISOSAMPLE_CACHE"
 CACHE_FOLDER = "meshes_cache"
 CACHE_DEFAULT = f"${CACHE_VARIABLE}/NAME-HASH where that variable is set, else {CACHE_FOLDER}/NAME-HASH"
@@ -115,7 +115,7 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         type=values.picture_size,
         default=DEFAULT_SIZE,
         metavar="WxH",
-        help="width and height [pixel] (default 800x800)",
+        help=f"width and height [pixel] (default {SIZE_TEXT})",
     )
     group.add_argument(
         "--segment",

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import values
+from isosample.cli.arguments import SIZE_TEXT
 from isosample.cli.console import progress_bars, say, say_table, seconds, thousands
 from isosample.cli.outputs import make_folder, write_json
 from isosample.cli.parser import add_command
+from isosample.defaults import DEFAULT_SIZE
 
 if TYPE_CHECKING:
     import argparse
@@ -104,9 +106,9 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--size",
         type=values.picture_size,
-        default=(800, 800),
+        default=DEFAULT_SIZE,
         metavar="WxH",
-        help="width and height of the pictures [pixel] (default 800x800)",
+        help=f"width and height of the pictures [pixel] (default {SIZE_TEXT})",
     )
 
 

@@ -9,6 +9,7 @@ from isosample.cli import arguments, values
 from isosample.cli.console import byte_size, progress_bars, say_fields, thousands
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
+from isosample.defaults import MESH_SUFFIXES
 
 if TYPE_CHECKING:
     import argparse
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from isosample.cli.parser import Commands
     from isosample.surfaces.extract import SurfaceSet
 
-MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj")
 EXAMPLE = """\
 isosample export head.nrrd --isovalue 1200 -o skull.ply
 isosample export meshes_cache/head-1f3a9c07 --isovalue 1200 -o skull.glb"""
@@ -43,7 +43,7 @@ def add_parser(commands: Commands) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help="mesh file: .ply, .glb, .stl or .obj",
+        help=f"mesh file: {', '.join(MESH_SUFFIXES)}",
     )
     arguments.add_nan_option(parser)
     arguments.add_volume_options(parser)

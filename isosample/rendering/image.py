@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
 from isosample.files import replacing
-
-IMAGE_SUFFIXES = (".png", ".npy")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,4 +76,6 @@ def srgb_from_linear(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:
 def check_image_path(path: Path) -> None:
     """Raise `InputError` unless `path` has a known suffix, so that a long run does not end in one."""
     if path.suffix.lower() not in IMAGE_SUFFIXES:
-        raise InputError(f"cannot write {path}: unknown image suffix {path.suffix!r}; use .png or .npy.")
+        raise InputError(
+            f"cannot write {path}: unknown image suffix {path.suffix!r}; use {' or '.join(IMAGE_SUFFIXES)}."
+        )

@@ -6,6 +6,7 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Self
 
+from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
 from isosample.gl.context import shared_context
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from isosample.volume.grid import Volume
 
     Progress = Callable[[str, int, int], None]
-
-DEFAULT_SIZE = (800, 800)
-DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 
 
 def render(

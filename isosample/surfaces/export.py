@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from isosample.defaults import MESH_SUFFIXES
 from isosample.errors import InputError
 from isosample.files import replacing
 
 if TYPE_CHECKING:
     from isosample.surfaces.mesh import Mesh
-
-SUFFIXES = (".ply", ".glb", ".stl", ".obj")
 
 
 def export_mesh(mesh: Mesh, path: str | Path) -> None:
@@ -34,8 +33,10 @@ def export_mesh(mesh: Mesh, path: str | Path) -> None:
 
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{path}: {suffix or 'no suffix'} is not a mesh format; use {', '.join(SUFFIXES)}.")
+    if suffix not in MESH_SUFFIXES:
+        raise InputError(
+            f"{path}: {suffix or 'no suffix'} is not a mesh format; use {', '.join(MESH_SUFFIXES)}."
+        )
     if len(mesh.triangles) == 0:
         raise InputError(
             f"the isosurface at {mesh.isovalue} has no triangles; there is nothing to write to {path}. "
