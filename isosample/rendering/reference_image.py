@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isosample.defaults import DEFAULT_SIZE
 from isosample.errors import InputError
 from isosample.integral.reference import DEFAULT_TOLERANCE, ReferenceTracer, processors
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
 from isosample.rendering.settings import RenderSettings, check_size
+from isosample.surfaces.extract import ExtractionSettings, check_volume
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
     I64 = npt.NDArray[np.int64]
     Progress = Callable[[str, int, int], None]
-
-DEFAULT_SIZE = (800, 800)
 
 
 def render_reference(
@@ -76,7 +76,7 @@ def render_reference(
         raise InputError(
             "the reference has no shading, but a material is given; render it without shading (material=None)."
         )
-    _check_finite(volume, nan_masked=nan_masked)
+    check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
     camera = camera or Camera.orbit(volume.box, aspect=width / height)
     started = time.perf_counter()
     tracer = ReferenceTracer.build(volume, transfer_function, tolerance=tolerance)
@@ -92,15 +92,6 @@ def render_reference(
     seconds = {"prepare": prepared - started, "render": time.perf_counter() - prepared}
     statistics = _statistics(tracer, counts, (width, height), seconds)
     return Image(rgba.reshape(height, width, 4).astype(np.float32), statistics)
-
-
-def _check_finite(volume: Volume, *, nan_masked: bool) -> None:
-    nan_count, infinity_count = volume.nonfinite_counts
-    if nan_count + infinity_count and not nan_masked:
-        raise InputError(
-            f"{volume.name} has {nan_count} NaN and {infinity_count} infinite samples; expected finite ones. "
-            "Pass --nan masked (nan_masked=True) to leave out the cells that they touch."
-        )
 
 
 def _statistics(
