@@ -15,9 +15,8 @@ if TYPE_CHECKING:
 def check_suffix(path: Path, suffixes: Sequence[str], what: str) -> None:
     """Raise `InputError` unless a path ends in one of `suffixes`."""
     if path.suffix.lower() not in suffixes:
-        raise InputError(
-            f"{path}: {path.suffix or 'no suffix'} is no suffix of {what}; use {' or '.join(suffixes)}."
-        )
+        found = f"ends in {path.suffix}" if path.suffix else "has no suffix"
+        raise InputError(f"{path} {found}; {what} ends in {' or '.join(suffixes)}.")
 
 
 def check_writable(outputs: Mapping[str, Path | None], inputs: Sequence[Path] = ()) -> None:

@@ -10,6 +10,7 @@ from isosample.cli import arguments
 from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
 from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
 from isosample.cli.parser import add_command
+from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +33,12 @@ SURFACE_OPTIONS = {  # with their defaults
     "segment": "linear",
     "stage": "auto",
 }
-PICTURE_SUFFIXES = (".png", ".npy")
+FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
+    "band_violations": "{} crossings did not continue the course of the data on their rays; what was missing was put "
+    "in between, and the picture may be slightly off there",
+    "saturated_segments": "{} segments have an opacity above 1 by the first-order formula, which was cut to 1; more "
+    "isovalues per slope (--per-slope) make them shorter",
+}
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
 EXAMPLE = """\
 isosample render head.nrrd -o head.png
@@ -114,7 +120,12 @@ def _run_reference(
     args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, start: float
 ) -> int:
     """Integrate the volume itself; options that are about surfaces are refused."""
-    from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
+    from isosample.cli.sources import (
+        is_cache_folder,
+        load_transfer_function,
+        open_source_volume,
+        transfer_function_of,
+    )
     from isosample.rendering.reference_image import render_reference
 
     for name, default in SURFACE_OPTIONS.items():
@@ -123,6 +134,11 @@ def _run_reference(
             raise InputError(
                 f"--{option} is about isosurfaces, and --method reference has none; leave it out."
             )
+    if is_cache_folder(args.source):
+        raise InputError(
+            f"{args.source} is a mesh cache, and --method reference integrates the volume itself; name the volume "
+            "file."
+        )
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"
@@ -249,13 +265,16 @@ def summarise(image: Image, scene: PreparedScene, path: Path, duration: float) -
     )
     if not stats["isovalues"] and not scene.plan.band_visible.any():
         say("nothing is visible: the transfer function has no extinction inside the volume's range")
+    for name, meaning in FLAWS.items():
+        if stats[name]:
+            say(meaning.format(thousands(stats[name])))
 
 
 def _check_outputs(args: argparse.Namespace) -> None:
     """Raise unless both outputs and the cache folder can be written."""
-    check_suffix(args.output, PICTURE_SUFFIXES, "a picture")
+    check_suffix(args.output, IMAGE_SUFFIXES, "a picture")
     if args.stats:
-        check_suffix(args.stats, (".json",), "statistics")
+        check_suffix(args.stats, (".json",), "a file of statistics")
     inputs = [path for path in (args.source, args.tf, args.camera) if path is not None]
     check_writable({"--output": args.output, "--stats": args.stats}, inputs)
     if args.cache is not None:

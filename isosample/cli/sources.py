@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.arguments import CACHE_FOLDER, CACHE_VARIABLE, DEFAULT_PER_SLOPE
+from isosample.cli.arguments import CACHE_FOLDER, CACHE_VARIABLE
 from isosample.cli.console import note
+from isosample.defaults import DEFAULT_PER_SLOPE
 from isosample.errors import CacheError, InputError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64, Volume
 
 VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "frame")
-CACHE_FILES = ("volume.json", "scene.json", "surfaces")
+CACHE_FILES = ("volume.json", "scene.json")
 NEAR_COUNT = 3  # isovalues that a message suggests
 HASH_DIGITS = 8  # enough to tell volumes of the same name apart; the folder checks the whole hash
 
@@ -54,8 +55,10 @@ class PreparedScene:
 
 
 def is_cache_folder(path: Path) -> bool:
-    """Tell whether a path is a folder with at least one part of a mesh cache in it."""
-    return path.is_dir() and any((path / part).exists() for part in CACHE_FILES)
+    """Tell whether a path is a mesh cache, or what is left of one; a folder `surfaces` alone proves nothing."""
+    if not path.is_dir():
+        return False
+    return any((path / name).exists() for name in CACHE_FILES) or any(path.glob("surfaces/*.npz"))
 
 
 def open_source_volume(args: argparse.Namespace, path: Path) -> Volume:
@@ -182,7 +185,7 @@ def scene_from_cache(
     per_slope : int or None
         None: as the scene was planned, or the default with another transfer function.
     nan_masked : bool
-        Take the surfaces that were extracted around masked samples; the scene's own setting counts too.
+        Take the surfaces that were extracted around masked samples, where the scene's own were not.
 
     Raises
     ------
@@ -196,6 +199,8 @@ def scene_from_cache(
     if given is None and per_slope is None:
         scene = load_cache(folder)
         surfaces, plan, tf = scene.surfaces, scene.plan, scene.transfer_function
+        if nan_masked and not surfaces.settings.nan_masked:
+            surfaces = load_surface_set(folder, plan.isovalues, nan_masked=True)
     else:
         own = _stored_scene(folder) if given is None or (folder / "scene.json").exists() else {}
         tf = given if given is not None else TransferFunction.from_dict(own["transfer_function"])

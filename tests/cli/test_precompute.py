@@ -97,6 +97,16 @@ def test_rendering_with_a_cache_folder_fills_it_and_then_uses_it(run: Run, folde
     assert (folder / "out.npy").read_bytes() == pictures[0]
 
 
+@pytest.mark.usefixtures("gl", "cache")
+def test_masked_surfaces_of_a_cache_are_drawn_where_they_are_asked_for(run: Run, folder: Path) -> None:
+    masked = f"--nan masked -o out.npy {VIEW}"
+    assert run(f"render meshes {masked}").status == 2  # its own are of the whole volume
+    assert run(f"render blob.npy --tf tf.json --cache meshes {masked}").status == 0
+    volume = (folder / "out.npy").read_bytes()
+    assert run(f"render meshes {masked}").status == 0
+    assert (folder / "out.npy").read_bytes() == volume
+
+
 @pytest.mark.usefixtures("gl")
 def test_masked_samples_stay_masked_in_the_cache(run: Run, folder: Path) -> None:
     samples = blob()

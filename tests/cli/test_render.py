@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import isosample
 from cli.harness import Run, blob, write_json
 from cli.test_info import write_turned
 from isosample.cli import build_parser
-from isosample.cli.render import settings_of
+from isosample.cli.render import settings_of, summarise
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -212,6 +213,30 @@ def test_the_summary_says_where_the_picture_is_and_that_nothing_was_lost(run: Ru
     assert fields["picture"] == "out.png (24 x 16 pixels)"
     assert fields["isovalues"] == "13"
     assert fields["fragments"].endswith("lost 0)")
+
+
+def test_the_summary_tells_segments_that_were_cut(run: Run) -> None:
+    write_slab()
+    Path("dense.json").write_text(Path("white.json").read_text().replace(f"{EXTINCTION}", "40.0"))
+    render = "render slab.npy --tf dense.json --size 16x16 --segment constant -o out.npy"
+    assert "above 1" not in run(render).out
+    cut = run(f"{render} --segment-opacity first-order --stats stats.json")
+    count = json.loads(Path("stats.json").read_text())["saturated_segments"]
+    assert count > 0
+    assert f"{count} segments have an opacity above 1" in cut.out
+
+
+def test_the_summary_tells_crossings_that_were_put_in(capfd: pytest.CaptureFixture[str]) -> None:
+    surfaces = SimpleNamespace(statistics=SimpleNamespace(levels_reused=0))
+    plan = SimpleNamespace(band_visible=np.array([True]))
+    scene: Any = SimpleNamespace(surfaces=surfaces, plan=plan)
+    stats = {"size": [2, 2], "isovalues": [1.0], "triangles": {"drawn": 9}, "fragments": 8}
+    stats |= {"max_depth_complexity": 3, "lost_fragments": 0, "saturated_segments": 0}
+    for violations in (0, 1234):
+        image = isosample.Image(np.zeros((2, 2, 4), np.float32), stats | {"band_violations": violations})
+        summarise(image, scene, Path("out.png"), 1.0)
+        told = "1 234 crossings did not continue" in capfd.readouterr().out
+        assert told == (violations > 0)
 
 
 def test_the_reference_is_that_of_the_library_and_close_to_the_picture(run: Run) -> None:

@@ -35,6 +35,13 @@ def folder(name: str) -> Setup:
     return lambda: Path(name).mkdir()
 
 
+def write_folder_with(name: str) -> None:
+    """The folder `meshes` with one empty file in it."""
+    path = Path("meshes", name)
+    path.parent.mkdir(parents=True)
+    path.touch()
+
+
 def tf(**changes: object) -> Setup:
     return lambda: write_json(Path("bad.json"), TF | changes)
 
@@ -139,8 +146,10 @@ COMMAND_LINES = {
     "argument of doctor": Wrong("doctor now", ("'now'",)),
 }
 OUTPUTS = {
-    "picture of unknown kind": Wrong("render absent.npy -o out.gif", ("out.gif", ".png or .npy")),
-    "picture without a suffix": Wrong("render absent.npy -o out", ("out", "no suffix", ".png")),
+    "picture of unknown kind": Wrong(
+        "render absent.npy -o out.gif", ("out.gif ends in .gif", ".png or .npy")
+    ),
+    "picture without a suffix": Wrong("render absent.npy -o out", ("out has no suffix", ".png or .npy")),
     "picture that is a folder": Wrong(
         "render absent.npy -o out.png", ("out.png", "folder"), folder("out.png")
     ),
@@ -212,7 +221,13 @@ VOLUMES = {
     ),
     "isovalue beyond the range": Wrong("export blob.npy --isovalue 200 -o out.ply", ("200", "out.ply")),
     "mesh cache as a volume": Wrong(
-        "info meshes", ("meshes", "cache"), lambda: Path("meshes/surfaces").mkdir(parents=True)
+        "info meshes", ("meshes", "mesh cache"), lambda: write_folder_with("scene.json")
+    ),
+    "surfaces of a mesh cache as a volume": Wrong(
+        "info meshes", ("meshes", "mesh cache"), lambda: write_folder_with("surfaces/1f3a.npz")
+    ),
+    "DICOM folder that has none, but a folder of surfaces": Wrong(
+        "info meshes", ("meshes", "DICOM"), lambda: write_folder_with("surfaces/skull.ply")
     ),
 }
 TRANSFER_FUNCTIONS = {
@@ -276,7 +291,8 @@ CACHES = {
     ),
     "a cache of a cache": Wrong("render meshes --cache more -o out.png", ("--cache", "meshes")),
     "a reference without the volume": Wrong(
-        "render meshes --method reference -o out.png", ("meshes", "cache")
+        "render meshes --method reference -o out.png",
+        ("meshes", "cache", "--method reference", "name the volume"),
     ),
     "as a volume": Wrong("precompute meshes --cache more", ("meshes", "cache")),
     "an isovalue that is not there": Wrong(
@@ -317,6 +333,9 @@ PICTURES_OF_CACHES = {
     "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "missing"), removed("scene.json")),
     "isovalues that are not there": Wrong(
         "render meshes --tf bad.json -o out.png", ("meshes", str(20 + 32.5 / 6)), tf_point(value=52.5)
+    ),
+    "masked surfaces that are not there": Wrong(
+        "render meshes --nan masked -o out.png", ("meshes", "no isosurface", "for these settings")
     ),
     "a denser plan": Wrong("render meshes --per-slope 6 -o out.png", ("meshes", str(20 + 30 / 7))),
 }
