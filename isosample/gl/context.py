@@ -157,7 +157,7 @@ def shared_context() -> moderngl.Context:
     if owner != threading.get_ident():
         raise OpenGLError(
             "the shared OpenGL context belongs to the thread that first used it; render from that thread, "
-            "or call  release_shared_context there first"
+            "or call release_shared_context there first"
         )
     return context
 
