@@ -17,5 +17,7 @@ void main() {
     bool valid_below = cell_face % 2 == 1;
     bool entering = (dot(upwards, ray) > 0.0) != valid_below;
     float value = bilinear(corner_values, clamp(part.x, 0.0, 1.0), clamp(part.y, 0.0, 1.0));
-    append_node(depth_view * length(ray), DOMAIN_LEVEL | (entering ? RISING_BIT : 0u), floatBitsToUint(value));
+    uint tolerance = packHalf2x16(vec2(face_tolerance(corner_values), 0.0)) << 16;
+    uint surface = DOMAIN_LEVEL | (entering ? RISING_BIT : 0u) | tolerance;
+    append_node(depth_view * length(ray), surface, floatBitsToUint(value));
 }

@@ -42,10 +42,14 @@ class Crossing(NamedTuple):
 
 
 class BorderPoint(NamedTuple):
-    """Where a ray enters or leaves the volume: distance [world] and the value there [data units]."""
+    """Where a ray enters or leaves the volume.
+
+    Distance [world], the value there, and how far that may lie on the wrong side of an isovalue [data units].
+    """
 
     distance: float
     value: float
+    tolerance: float = 0.0
 
 
 @dataclass(slots=True)
@@ -61,7 +65,7 @@ class _Walk:
     band: int
     position: float
     balanced: bool = True
-    fresh: bool = True
+    leave_by_value: bool = False
     violations: int = 0
 
     def end_towards(self, level: int) -> float:
@@ -103,14 +107,15 @@ def integrate_ray(
     -----
     If the crossings lead from the band of the entry to that of the exit, none was lost: the ray is balanced, and
     every crossing moves the walk by one band, in whatever order they stand. Where the value on the box and the
-    surfaces disagree about the band, the surfaces decide.
+    surfaces disagree about the band within the value's tolerance, the surfaces decide. Anything else is a loss:
+    levels are then put in where they are missing, and counted.
     """
     walk = _Walk(np.zeros(3), 1.0, entry.distance, band_of(plan, entry.value), 0.0)
     walk.position = position_in_band(plan, walk.band, entry.value)
-    _weigh(walk, crossings, band_of(plan, leave.value))
+    _weigh(walk, crossings, entry, leave, plan)
     for crossing in crossings:
         _cross(walk, crossing, plan, rule, visible)
-    target = band_of(plan, leave.value) if walk.fresh else walk.band
+    target = band_of(plan, leave.value) if walk.leave_by_value else walk.band
     _cross_missing(walk, target, leave.distance, leave.value, plan, rule, visible)
     end = max(leave.distance, walk.distance)
     _advance(walk, end, position_in_band(plan, walk.band, leave.value), plan, rule, visible)
@@ -128,18 +133,39 @@ def position_in_band(plan: IsovaluePlan, band: int, value: float) -> float:
     return float(np.clip((value - low) / (high - low), 0.0, 1.0)) if high > low else 0.0
 
 
-def _weigh(walk: _Walk, crossings: Sequence[Crossing], leaving: int) -> None:
+def _weigh(
+    walk: _Walk, crossings: Sequence[Crossing], entry: BorderPoint, leave: BorderPoint, plan: IsovaluePlan
+) -> None:
     """Decide whether the crossings add up, and from which band."""
     if not crossings:
+        walk.leave_by_value = True
+        slack = entry.tolerance + leave.tolerance
+        walk.violations += not _may_be_in(plan, walk.band, leave.value, slack)
         return
     net = sum(1 if crossing.rising else -1 for crossing in crossings)
     first, last = crossings[0].band_before, crossings[-1].band_after
+    leaving = band_of(plan, leave.value)
     if walk.band + net == leaving:
         return
-    if first + net in (leaving, last):
+    entry_fits = _may_be_in(plan, first, entry.value, entry.tolerance)
+    exit_fits = _may_be_in(plan, last, leave.value, leave.tolerance)
+    chained = first + net == last and exit_fits
+    if entry_fits and (chained or first + net == leaving):
         _move_to(walk, first)
-    else:
-        walk.balanced = walk.band + net == last
+    elif walk.band + net != last or not exit_fits:
+        walk.balanced = False
+        walk.leave_by_value = not exit_fits
+        if entry_fits:
+            _move_to(walk, first)
+        walk.violations += not exit_fits
+
+
+def _may_be_in(plan: IsovaluePlan, band: int, value: float, tolerance: float) -> bool:
+    """Whether a value on the border may belong to a band: in it, or beside it by the tolerance at most."""
+    index = _real_band(plan, band)
+    low, high = plan.band_values[index]
+    above = index == 0 or value >= low - tolerance
+    return bool(above and (index == len(plan.isovalues) or value <= high + tolerance))
 
 
 def _move_to(walk: _Walk, band: int) -> None:
@@ -157,11 +183,8 @@ def _cross(
     distance = max(crossing.distance, walk.distance)
     if walk.band != before and not walk.balanced:
         walk.violations += 1
-        if walk.fresh:  # the surface decides where the face's value disagrees
-            _move_to(walk, before)
         value = float(plan.isovalues[crossing.level])
         _cross_missing(walk, before, distance, value, plan, rule, visible)
-    walk.fresh = False
     _pass_level(walk, crossing.level, distance, crossing.rising, plan, rule, visible)
 
 

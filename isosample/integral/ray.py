@@ -158,3 +158,27 @@ def bilinear(corners: npt.ArrayLike, u: npt.ArrayLike, v: npt.ArrayLike) -> F64:
     high = values[..., 2] * (1.0 - right) + values[..., 3] * right
     value: F64 = low * (1.0 - up) + high * up
     return value
+
+
+def face_tolerance(corners: npt.ArrayLike) -> F64:
+    """Largest difference between the bilinear field on a face cell and what the mesh's outline on it stands for.
+
+    Parameters
+    ----------
+    corners : (..., 4) array_like of float
+        Normalised values at (0, 0), (1, 0), (0, 1), (1, 1).
+
+    Returns
+    -------
+    tolerance : (...) float64
+        A quarter of the mixed difference (the outline is a chord of a bilinear isoline), 2 % of the cell's range
+        (the outline is rasterised), and 1e-5 (float32).
+
+    Notes
+    -----
+    Twin: ``shaders/lib/ray.glsl``.
+    """
+    values = last_axis(corners, "corners", 4)
+    mixed = np.abs(values[..., 0] - values[..., 1] - values[..., 2] + values[..., 3])
+    tolerance: F64 = 0.25 * mixed + 0.02 * np.ptp(values, axis=-1) + 1e-5
+    return tolerance

@@ -18,7 +18,7 @@ from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
-from isosample.rendering.frame import frame_block, frame_dtype, set_tile, shared_constants
+from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
 from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
@@ -53,8 +53,8 @@ class FrameStatistics:
     max_depth_complexity : int
         Longest list.
     band_violations : int
-        Crossings that did not continue the walk through the bands, on rays whose crossings do not add up: some were
-        lost, and put in between.
+        Rays whose crossings do not add up, by the crossings and ends that do not fit: some were lost, and put in
+        between.
     reordered_fragments : int
         Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
     saturated_segments : int
@@ -215,7 +215,8 @@ class ABuffer:
         if not self._pool.grow(measured, settings.fragment_budget_bytes):
             raise CapacityError(f"{measured} fragments do not fit the budget; make the picture smaller.")
         self._build(tile, frame)
-        return decode_lists(tile, self._pool.heads(tile), self._pool.nodes())
+        start = head_start(camera.rays(width / height), self._geometry.box)
+        return decode_lists(tile, self._pool.heads(tile), self._pool.nodes(), start=start)
 
     # -- one tile ---------------------------------------------------------------------------------
 

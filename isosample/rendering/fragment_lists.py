@@ -42,7 +42,7 @@ class FragmentLists:
     slopes: npt.NDArray[np.float32]
 
 
-def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void]) -> FragmentLists:
+def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void], *, start: float = 0.0) -> FragmentLists:
     """Fragments of all lists of a tile.
 
     Parameters
@@ -52,6 +52,8 @@ def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void]) -> Fragmen
     heads : (tile.height · tile.width,) uint32
         First node of every pixel's list, rows counted upwards.
     nodes : (M,) struct Node of ``shaders/lib/layouts.glsl``
+    start : float
+        Distance from the eye at which the distances of the nodes begin [world].
     """
     end = shared_constants()["LIST_END"]
     y, x = np.divmod(np.arange(len(heads)), tile.width)
@@ -68,7 +70,7 @@ def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void]) -> Fragmen
     surface = nodes["surface"][picked[order]]
     return FragmentLists(
         pixels=pixels[order],
-        distances=nodes["distance"][picked[order]],
+        distances=nodes["distance"][picked[order]] + np.float32(start),
         levels=(surface & shared_constants()["LEVEL_MASK"]).astype(np.int64),
         rising=(surface & shared_constants()["RISING_BIT"]) != 0,
         slopes=(surface >> 16).astype(np.uint16).view(np.float16).astype(np.float32),

@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import ShaderError
+from isosample.errors import InputError, ShaderError
 from isosample.gl.layouts import Packing, constants, struct_dtypes
 from isosample.gl.shader_source import shader_root
 from isosample.rendering.settings import MAX_CLIP_PLANES
 
 if TYPE_CHECKING:
-    from isosample.rendering.camera import Camera
+    from isosample.rendering.camera import Camera, Rays
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.tiles import Tile
+    from isosample.volume.grid import Box
 
 LAYOUTS = "lib/layouts.glsl"
+FARTHEST_EYE = 1e4  # radii of the box: distances are then rounded to 1e4 · 2^-24 radii, a fraction of a cell
 
 
 @cache
@@ -66,7 +68,7 @@ def frame_block(
         ("span_up", rays.span_up),
     ):
         frame[name] = vector
-    frame["eye"] = rays.eye - box.centre
+    frame["eye"] = rays.eye + head_start(rays, box) * rays.forward - box.centre
     frame["perspective"] = float(rays.perspective)
     # Clip x = dot(p - eye, right) / half width, with right / half width = span / |span|².
     frame["inverse_span_right"] = 1.0 / float(rays.span_right @ rays.span_right)
@@ -87,6 +89,27 @@ def frame_block(
     frame["box_faces"] = int(scene.mask is None)
     frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
     return block
+
+
+def head_start(rays: Rays, box: Box) -> float:
+    """How far the origins of parallel rays are moved towards the box, to its bounding sphere [world].
+
+    Distances are then small numbers, in which float32 is precise, however far away the eye is; 0 for perspective.
+
+    Raises
+    ------
+    InputError
+        If a perspective eye is so far away that float32 distances no longer tell the box's cells apart.
+    """
+    if not rays.perspective:
+        return max(0.0, float((box.centre - rays.eye) @ rays.forward) - 1.01 * box.radius)
+    away = float(np.linalg.norm(box.centre - rays.eye)) / box.radius
+    if away > FARTHEST_EYE:
+        raise InputError(
+            f"the eye is {away:.3g} times the radius of the volume away; a perspective camera may be "
+            f"{FARTHEST_EYE:g} times away. Move it closer, or use an orthographic camera."
+        )
+    return 0.0
 
 
 def _set_look(frame: np.void, settings: RenderSettings, centre: npt.NDArray[np.float64]) -> None:

@@ -29,6 +29,7 @@ struct Node {
     float distance;                      // along the unit ray direction, from the ray's origin [world]
     uint surface;                        // level, rising bit, and |df/dt| times the box radius as a half float (high 16 bits)
     uint normal;                         // octahedral unit normal, 2 x 16 bits; on DOMAIN_LEVEL the value's float bits
+                                         // (and its tolerance in place of the slope)
 };
 
 struct Counters {

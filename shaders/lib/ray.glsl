@@ -41,3 +41,13 @@ int nearest_face(vec3 unit) {
 float bilinear(vec4 corners, float u, float v) {
     return mix(mix(corners.x, corners.y, u), mix(corners.z, corners.w, u), v);
 }
+
+// Largest difference of normalised values between the bilinear field on a face cell and what the mesh's outline on it
+// stands for. The outline is a chord of the bilinear isoline: |mixed difference| / 4; a rasterised outline is off by up to
+// 1/256 pixel, and pixels may be several cells: 2 % of the cell's range; and float32 rounding: 1e-5.
+float face_tolerance(vec4 corners) {
+    float mixed = abs(corners.x - corners.y - corners.z + corners.w);
+    float low = min(min(corners.x, corners.y), min(corners.z, corners.w));
+    float high = max(max(corners.x, corners.y), max(corners.z, corners.w));
+    return 0.25 * mixed + 0.02 * (high - low) + 1e-5;
+}

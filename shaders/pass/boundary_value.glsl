@@ -11,9 +11,10 @@ vec2 box_of_ray(vec3 origin) {
     return box_interval(unit_from_local(origin, 1.0), unit_from_local(ray_direction, 0.0));
 }
 
-// Normalised value on the face where the ray is at `distance`. Faces are stored as x low, x high, y low, ...; a face of
+// Normalised value on the face where the ray is at `distance`, and how far it may lie on the wrong side of an isovalue:
+// see face_tolerance in lib/ray.glsl. Faces are stored as x low, x high, y low, ...; a face of
 // axis a is indexed by the other two axes, the lower one fastest.
-float face_value(vec3 origin, float distance) {
+vec2 face_value(vec3 origin, float distance) {
     vec3 unit = clamp(unit_from_local(origin + distance * ray_direction, 1.0), 0.0, 1.0);
     ivec3 samples = ivec3(frame.samples_xy, frame.samples_z);
     int face = nearest_face(unit);
@@ -27,7 +28,8 @@ float face_value(vec3 origin, float distance) {
     vec2 part = position - vec2(cell);
     int corner = offset + cell.y * samples[axis_u] + cell.x;
     int above = corner + samples[axis_u];
-    return bilinear(vec4(boundary[corner], boundary[corner + 1], boundary[above], boundary[above + 1]), part.x, part.y);
+    vec4 corners = vec4(boundary[corner], boundary[corner + 1], boundary[above], boundary[above + 1]);
+    return vec2(bilinear(corners, part.x, part.y), face_tolerance(corners));
 }
 
 // Band that holds a normalised value: as many levels lie at or below it.

@@ -47,12 +47,13 @@ vec4 resolve_pixel(ivec2 pixel) {
         bool in_array = length <= uint(SORT_CAPACITY);
         if (in_array) sort_into_array(head);
         else if (length <= frame.sorted_length) head = sort_links(head, length);
-        Node last = Node(LIST_END, 0.0, 0u, 0u);
+        Node first = Node(LIST_END, 0.0, 0u, 0u);
+        Node last = first;
         if (frame.box_faces != 0) {
-            enter(inside.x, face_value(origin, inside.x));
-            last = leaving_node(inside.y, face_value(origin, inside.y));
+            first = border_node(inside.x, face_value(origin, inside.x), true);
+            last = border_node(inside.y, face_value(origin, inside.y), false);
         }
-        walk_list(head, length, in_array, last);
+        walk_list(head, length, in_array, first, last);
     }
     if (length > 0u) {
         atomicAdd(counters.walked_count, length);

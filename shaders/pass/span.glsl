@@ -12,29 +12,49 @@ int band_after(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(n
 // End of the current band that is nearer to a level.
 float end_towards(int level) { return level >= walk.band ? 1.0 : 0.0; }
 
-// The point where the ray leaves the box, as a node.
-Node leaving_node(float distance, float value) {
-    return Node(LIST_END, distance, DOMAIN_LEVEL, floatBitsToUint(value));
+float border_value(Node node) { return uintBitsToFloat(node.normal); }
+
+float border_tolerance(Node node) { return unpackHalf2x16(node.surface >> 16).x; }
+
+// A point of the border of the volume, as a node; `face` is the value there and its tolerance.
+Node border_node(float distance, vec2 face, bool entering) {
+    uint surface = DOMAIN_LEVEL | (entering ? RISING_BIT : 0u) | (packHalf2x16(vec2(face.y, 0.0)) << 16);
+    return Node(LIST_END, distance, surface, floatBitsToUint(face.x));
 }
 
-void enter(float distance, float value) {
+// True if a value on the border may belong to a band: it lies in it, or beside it by the tolerance at most.
+bool may_be_in(int index, float value, float tolerance) {
+    Band band = bands[clamp(index, 0, frame.level_count)];
+    bool above = index == 0 || value >= band.value_low - tolerance;
+    bool below = index == frame.level_count || value <= band.value_high + tolerance;
+    return above && below;
+}
+
+void enter(Node node) {
+    float value = border_value(node);
     walk.inside = true;
-    walk.distance = distance;
+    walk.distance = node.distance;
     walk.band = band_of(value);
     walk.position = band_position(bands[walk.band].value_low, bands[walk.band].inverse_width, value);
     walk.normal = 0u;
-    walk.fresh = true;
+}
+
+// Begins in the band that the first surface says instead of the one of the face's value.
+void begin_in(int band) {
+    if (walk.band == band) return;
+    walk.position = walk.band < band ? 0.0 : 1.0;
+    walk.band = band;
 }
 
 // Where the next node of a sorted list is: `index` of node `i` - 1 and the number `i`.
 uint next_in_list(uint index, uint i, bool in_array) { return in_array ? sorted_indices[i] : nodes[index].next_index; }
 
-// Adds up the crossings from node `i` to the end of the span. If they lead from the band of the entry to that of the
-// exit, none was lost: the span is balanced, and every crossing moves the walk by one band, whatever its level. That
-// holds too where the meshes of neighbouring levels cut each other inside a cell, so that crossings stand in the wrong
-// order. Where the face's value and the surfaces disagree about the band at the box (the face is bilinear, the mesh's
-// outline on it a chord; or by rounding), the surfaces decide.
-void weigh_span(uint index, uint i, uint length, bool in_array, Node last) {
+// Decides how the span from `entry` to its border is walked, from the sum of its crossings.
+//   If they lead from the band of the entry's value to that of the exit's, none was lost: the span is balanced, and every
+// crossing moves the walk by one band, whatever its level. That holds too where the meshes of neighbouring levels cut each
+// other inside a cell, so that crossings stand in the wrong order. Where a face's value and the surfaces disagree within
+// the face's tolerance, the surfaces decide. Anything else is a loss: levels are then put in where they are missing.
+void weigh_span(Node entry, uint index, uint i, uint length, bool in_array, Node last) {
     int net = 0;
     int first_before = -1;
     int last_after = -1;
@@ -49,20 +69,33 @@ void weigh_span(uint index, uint i, uint length, bool in_array, Node last) {
         net += is_rising(node) ? 1 : -1;
     }
     if (i == length) node = last;
-    int leaving = is_domain(node) ? band_of(uintBitsToFloat(node.normal)) : last_after;
-    bool by_entry = walk.band + net == leaving;
-    bool by_first = first_before + net == leaving || first_before + net == last_after;
-    walk.balanced = first_before < 0 || by_entry || by_first || walk.band + net == last_after;
-    if (first_before >= 0 && !by_entry && by_first && walk.band != first_before) {
-        walk.position = walk.band < first_before ? 0.0 : 1.0;
-        walk.band = first_before;
+    bool bordered = is_domain(node);
+    int leaving = bordered ? band_of(border_value(node)) : last_after;
+    walk.balanced = true;
+    walk.leave_by_value = false;
+    if (first_before < 0) {
+        float slack = border_tolerance(entry) + (bordered ? border_tolerance(node) : 0.0);
+        walk.leave_by_value = bordered;
+        if (bordered && !may_be_in(walk.band, border_value(node), slack)) ++walk.violations;
+        return;
+    }
+    if (walk.band + net == leaving) return;
+    bool entry_fits = may_be_in(first_before, border_value(entry), border_tolerance(entry));
+    bool exit_fits = !bordered || may_be_in(last_after, border_value(node), border_tolerance(node));
+    if (first_before + net == last_after && entry_fits && exit_fits) begin_in(first_before);
+    else if (first_before + net == leaving && entry_fits) begin_in(first_before);
+    else if (walk.band + net != last_after || !exit_fits) {
+        walk.balanced = false;
+        walk.leave_by_value = !exit_fits;
+        if (entry_fits) begin_in(first_before);
+        if (!exit_fits) ++walk.violations;
     }
 }
 
 // The band from which the walk goes through a node. In a span that is not balanced, levels between the walk's band and
-// the node's were lost, or before the first crossing the face's value is wrong.
+// the node's were lost.
 int band_at(Node node) {
-    if (is_domain(node)) return walk.fresh ? band_of(uintBitsToFloat(node.normal)) : walk.band;
+    if (is_domain(node)) return walk.leave_by_value ? band_of(border_value(node)) : walk.band;
     int before = band_before(node);
     if (walk.band == before) return before;
     if (walk.balanced) {
@@ -70,10 +103,6 @@ int band_at(Node node) {
         return walk.band;
     }
     ++walk.violations;
-    if (walk.fresh) {
-        walk.position = walk.band < before ? 0.0 : 1.0;
-        walk.band = before;
-    }
     return before;
 }
 
@@ -81,7 +110,7 @@ int band_at(Node node) {
 void step_to(Node node) {
     bool domain = is_domain(node);
     bool rising = is_rising(node);
-    if (domain && rising) enter(node.distance, uintBitsToFloat(node.normal));
+    if (domain && rising) enter(node);
     if (!walk.inside || (domain && rising)) return;       // outside: beside the valid cells by rounding
     int level = domain ? -1 : int(node.surface & LEVEL_MASK);
     int target = band_at(node);
@@ -89,7 +118,7 @@ void step_to(Node node) {
     float start = walk.distance;
     float end = max(node.distance, start);
     float value_start = mix(band.value_low, band.value_high, walk.position);
-    float value_end = domain ? uintBitsToFloat(node.normal) : bands[level].value_high;
+    float value_end = domain ? border_value(node) : bands[level].value_high;
     bool arrived;
     do {
         arrived = walk.band == target;
@@ -113,15 +142,17 @@ void step_to(Node node) {
             walk.position = end_towards(crossed);
         }
     } while (!arrived);
-    walk.fresh = false;
     if (domain) walk.inside = false;
 }
 
-// Steps to every node of a sorted list, then to `last` unless it is no border.
-void walk_list(uint head, uint length, bool in_array, Node last) {
+// Steps from `first` to every node of a sorted list, then to `last`; the two only if they are borders.
+void walk_list(uint head, uint length, bool in_array, Node first, Node last) {
     uint count = length + (is_domain(last) ? 1u : 0u);
     uint index = head;
-    if (walk.inside) weigh_span(index, 0u, length, in_array, last);
+    if (is_domain(first)) {
+        enter(first);
+        weigh_span(first, index, 0u, length, in_array, last);
+    }
     for (uint i = 0u; i < count; ++i) {
         Node node = last;
         if (i < length) {
@@ -130,7 +161,7 @@ void walk_list(uint head, uint length, bool in_array, Node last) {
             node = nodes[index];
         }
         step_to(node);
-        if (is_domain(node) && is_rising(node)) weigh_span(index, i + 1u, length, in_array, last);
+        if (is_domain(node) && is_rising(node)) weigh_span(node, index, i + 1u, length, in_array, last);
         if (walk.transmittance < frame.min_transmittance) {
             atomicAdd(counters.terminated_rays, 1u);
             return;

@@ -10,7 +10,7 @@ struct Walk {
     int band;                             // band of the segment; in a balanced span it may leave 0 ... level_count
     bool inside;                          // inside the volume (or the valid cells)
     bool balanced;                        // the crossings of this span add up, see weigh_span
-    bool fresh;                           // no crossing since the entry: the band rests on the face's value alone
+    bool leave_by_value;                  // the exit's value, not the surfaces, tells in which band the ray leaves
     uint normal;                          // packed normal at the front end; 0: none
     uint violations, reordered, saturated;
 };
