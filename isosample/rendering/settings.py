@@ -120,8 +120,12 @@ class RenderSettings:
             raise InputError(
                 f"a fragment budget of {self.fragment_budget_bytes} bytes is too small; give 64 KiB or more."
             )
-        if not 1 <= self.sort_capacity <= 256:
-            raise InputError(f"sort_capacity {self.sort_capacity} must be between 1 and 256.")
+        if self.sort_capacity not in range(1, 257):
+            raise InputError(f"sort_capacity {self.sort_capacity!r} must be a whole number from 1 to 256.")
+        planes: tuple[object, ...] = self.clip_planes
+        for plane in planes:
+            if not isinstance(plane, ClipPlane):
+                raise InputError(f"clip plane {plane!r} must be a ClipPlane(nx, ny, nz, d).")
 
     @property
     def background_premultiplied(self) -> tuple[float, float, float, float]:
@@ -132,6 +136,8 @@ class RenderSettings:
 
 def check_size(size: Sequence[object]) -> tuple[int, int]:
     """Return (width, height) if both are whole numbers >= 1, else raise `InputError`."""
+    if not isinstance(size, (tuple, list)):
+        raise InputError(f"picture size {size!r} must be two whole numbers >= 1 (width, height).")
     whole = [int(n) for n in size if isinstance(n, (int, np.integer)) and n >= 1]
     if len(size) != 2 or len(whole) != 2:
         raise InputError(f"picture size {size!r} must be two whole numbers >= 1 (width, height).")

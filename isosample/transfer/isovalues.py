@@ -24,6 +24,8 @@ F64 = npt.NDArray[np.float64]
 
 PRIORITY: dict[Reason | None, int] = {reason: rank for rank, reason in enumerate(Reason)}
 
+MAX_PER_SLOPE = 10_000  # a few slopes then fill the levels that a scene can have
+
 
 def plan_isovalues(
     transfer_function: TransferFunction,
@@ -53,7 +55,7 @@ def plan_isovalues(
     Raises
     ------
     InputError
-        If the range is not finite or not ascending, or `per_slope` is negative.
+        If the range is not finite or not ascending, or `per_slope` is no whole number from 0 to 10000.
 
     Notes
     -----
@@ -67,8 +69,8 @@ def plan_isovalues(
     Values closer than 4 units in the last place are one isovalue; the limits are those outside the cluster.
     """
     low, high = _checked_range(value_range)
-    if per_slope < 0:
-        raise InputError(f"per_slope {per_slope} must be >= 0.")
+    if not _is_whole(per_slope) or not 0 <= per_slope <= MAX_PER_SLOPE:
+        raise InputError(f"per_slope {per_slope!r} must be a whole number from 0 to {MAX_PER_SLOPE}.")
     points, skipped_points = _point_candidates(transfer_function, low, high)
     between, constant_count = _between_candidates(transfer_function, low, high, per_slope)
     surfaces = transfer_function.isosurfaces
@@ -84,6 +86,10 @@ def plan_isovalues(
         "values_merged": len(chosen) - sum(cluster.level is not None for cluster in clusters),
     }
     return _assemble(transfer_function, (low, high), clusters, skipped)
+
+
+def _is_whole(number: object) -> bool:
+    return isinstance(number, (int, np.integer))
 
 
 def _assemble(

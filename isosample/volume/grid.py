@@ -18,6 +18,7 @@ F64 = npt.NDArray[np.float64]
 SampleArray = npt.NDArray[np.generic]
 
 ORTHONORMAL_TOLERANCE = 1e-4  # direction cosines are written with 5 to 7 digits in most file formats
+EXACT_INTEGERS = 2.0**53  # float64 holds every integer up to here
 SCAN_BYTES = 64 << 20  # a memory-mapped volume is scanned in blocks of about this size
 
 
@@ -239,7 +240,7 @@ class Volume:
         Raises
         ------
         InputError
-            If no sample is finite.
+            If no sample is finite, or integers are so large that float64 no longer tells neighbours apart.
         """
         low, high = np.inf, -np.inf
         for block in self.blocks():
@@ -249,6 +250,11 @@ class Volume:
                 low, high = min(low, float(block.min())), max(high, float(block.max()))
         if low > high:
             raise InputError(f"{self.name} has no finite sample; there is nothing to render.")
+        if self.array.dtype.kind in "iu" and max(-low, high) > EXACT_INTEGERS:
+            raise InputError(
+                f"{self.name} holds integers up to {max(-low, high):.17g}; above 2^53 neighbours become one value. "
+                "Subtract an offset first, or convert with .astype(float) if that is meant."
+            )
         return low, high
 
     @cached_property

@@ -13,6 +13,7 @@ from isosample.integral.ray import (
     MISS,
     bilinear,
     box_interval,
+    face_tolerance,
     image_plane_position,
     nearest_face,
     slab_interval,
@@ -185,3 +186,22 @@ def test_wrong_constant_is_told(
     root = wrong_shader(tmp_path, RAY, right, wrong)
     with pytest.raises(AssertionError, match="beyond its bound"):
         check(gl, *arguments(), root)
+
+
+def test_the_tolerance_of_a_face_is_its_twin_and_bounds_the_chord(gl: moderngl.Context) -> None:
+    rng = np.random.default_rng(4)
+    corners = rng.random((500, 4)).astype(np.float32)
+    found = call(gl, RAY, "float face_tolerance(vec4 corners)", corners)
+    expected = face_tolerance(corners.astype(np.float64))
+    # 6 additions and products of numbers up to 2.
+    assert np.abs(found - expected).max() <= 8 * 2.0**-24 * 2
+    # Along the chord between two points of an isoline on the cell's edges the field stays within the tolerance.
+    for cell, tolerance in zip(corners.astype(np.float64), expected, strict=True):
+        f00, f10, f01, f11 = cell
+        level = 0.5 * (f00 + f10)
+        if (f01 - level) * (f11 - level) >= 0:
+            continue
+        top = (level - f01) / (f11 - f01)
+        t = np.linspace(0.0, 1.0, 21)
+        along = bilinear(np.broadcast_to(cell, (21, 4)), 0.5 + t * (top - 0.5), t)
+        assert np.abs(along - level).max() <= tolerance
