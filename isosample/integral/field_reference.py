@@ -1,7 +1,8 @@
 """Ground truth of the volume-rendering integral of a closed-form field, in float64.
 
 Along a ray the field is replaced by cubic Hermite pieces, from its values and gradients, which are halved until they
-agree with it; the pieces are then integrated as the cells of a grid are.
+agree with it, and, where the field's slope has a known bound, until nothing visible can hide between their
+ends; the pieces are then integrated as the cells of a grid are.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import InputError
+from isosample.errors import CapacityError, InputError
 from isosample.integral.band_table import BandTable, Optics, PanelRules
 from isosample.integral.reference import (
     DEFAULT_TOLERANCE,
@@ -23,7 +24,7 @@ from isosample.integral.reference import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from isosample.integral.reference import Plane, Progress
     from isosample.transfer.transfer_function import TransferFunction
@@ -37,6 +38,8 @@ Bool = npt.NDArray[np.bool_]
 FIRST_PIECES = 64  # per ray, before any is halved
 HALVING_GAIN = 8.0  # halves err by 1/16 of the whole where the field is smooth; twice that is counted on
 MAX_HALVINGS = 40  # a piece of 2^-46 of the ray, at a kink or a jump of the field, is left as it is
+MAX_PIECES = 1 << 22  # of the rays of one block: 240 MB
+BOUND_SLACK = 1e-9  # of the ray's way: what rounding of positions may add to a field's change
 ROUNDING_ULP = 8  # a field's own rounding: agreement to so many units in the last place is agreement
 
 
@@ -59,6 +62,80 @@ class _Pieces(NamedTuple):
             np.concatenate([part.values for part in parts]),
             np.concatenate([part.slopes for part in parts]),
         )
+
+
+class _Isolation(NamedTuple):
+    """What must not hide in a piece: the levels of the transfer function with all that is visible there.
+
+    Attributes
+    ----------
+    bound : float
+        Of the field's slope [data units / world].
+    levels : (K,) float64
+        Ascending, less the base.
+    extinction : (K + 1, 2) float64
+        By band, at its lower and its upper end [1/world].
+    peak : (K + 1, K + 1) float64
+        ``peak[i, j]`` is the largest extinction on either side of the levels i to j − 1; 0 for none.
+    surfaces : (K + 1,) int64
+        Number of isosurfaces among the levels below the i-th.
+    tolerance, agreement : float
+        What a hidden optical depth [1] and a hidden excursion [data units] may amount to.
+    """
+
+    bound: float
+    levels: F64
+    extinction: F64
+    peak: F64
+    surfaces: I64
+    tolerance: float
+    agreement: float
+
+    @classmethod
+    def build(cls, bound: float, bands: BandTable, tolerance: float, agreement: float) -> _Isolation:
+        beside = np.maximum(bands.extinction[:-1, 1], bands.extinction[1:, 0])
+        count = len(beside)
+        peak = np.zeros((count + 1, count + 1))
+        for first in range(count):
+            peak[first, first + 1 :] = np.maximum.accumulate(beside[first:])
+        surfaces = np.concatenate([[0], np.cumsum(bands.level_visible)])
+        levels = bands.edges[1:-1]
+        return cls(bound, levels, bands.extinction, peak, surfaces, tolerance, agreement)
+
+    def mirrored(self) -> _Isolation:
+        """The same for the field times −1."""
+        return self._replace(
+            levels=-self.levels[::-1],
+            extinction=self.extinction[::-1, ::-1],
+            peak=self.peak[::-1, ::-1].T,
+            surfaces=self.surfaces[-1] - self.surfaces[::-1],
+        )
+
+    def hides(self, pieces: _Pieces, floor: F64) -> Bool:
+        """(P,) bool, whether a piece may reach something visible that lies beyond both of its ends."""
+        low, high = np.minimum(*pieces.values.T), np.maximum(*pieces.values.T)
+        length = pieces.ends[:, 1] - pieces.ends[:, 0]
+        over = np.maximum(0.5 * (self.bound * length - (high - low)), 0.0)
+        surfaces_hide = over > np.maximum(self.agreement, floor)
+        flat = low == high
+        hidden = self._above(high, over, length, flat, surfaces_hide)
+        return hidden | self.mirrored()._above(-low, over, length, flat, surfaces_hide)
+
+    def _above(self, top: F64, over: F64, length: F64, flat: Bool, surfaces_hide: Bool) -> Bool:
+        """Whether the levels from `top` to `top + over` weigh too much; a flat piece has reached its own."""
+        first = np.searchsorted(self.levels, top, side="left")
+        first[flat] = np.searchsorted(self.levels, top[flat], side="right")
+        final = np.searchsorted(self.levels, top + over, side="right")
+        hidden = final > first
+        (some,) = np.nonzero(hidden)
+        first, final, reach = first[some], final[some], top[some] + over[some]
+        edges = np.append(self.levels, np.inf)
+        at_low, at_high = self.extinction[final].T  # of the band of the highest value; final >= 1
+        share = (reach - edges[final - 1]) / (edges[final] - edges[final - 1])
+        extinction = np.maximum(self.peak[first, final], at_low + share * (at_high - at_low))
+        surface = surfaces_hide[some] & (self.surfaces[final] > self.surfaces[first])
+        hidden[some] = surface | (length[some] * extinction > self.tolerance)
+        return hidden
 
 
 def integrate_field_rays(
@@ -116,19 +193,46 @@ def integrate_field_rays(
     reach = float(np.linalg.norm(box.edges, axis=1).sum())
     optics = Optics(bands, PanelRules.for_tolerance(tolerance), 1)
     agreement = tolerance / _sensitivity(bands, reach)
+    bound = _checked_bound(field)
+    isolation = None if bound is None else _Isolation.build(bound, bands, tolerance, agreement)
     rgba = np.zeros((len(starts), 4))
 
     def work(rows: slice) -> None:
         from isosample.integral.ray_cells import integrate_piece_block
 
         line = (starts[rows], ways[rows])
-        pieces = _resolved_pieces(field, base, line, intervals[rows], agreement)
+        pieces = _resolved_pieces(field, base, line, intervals[rows], agreement, isolation)
+        if pieces is None:
+            _work_on_halves(work, rows, field)
+            return
         first = np.searchsorted(pieces.ray, np.arange(len(line[0]) + 1))
         lengths = np.ascontiguousarray(pieces.ends[:, 1] - pieces.ends[:, 0])
         integrate_piece_block((first, _bernstein(pieces), lengths), optics, rgba[rows])
 
     run_in_blocks(work, len(starts), progress)
     return rgba
+
+
+def _work_on_halves(work: Callable[[slice], None], rows: slice, field: Field) -> None:
+    """Work on fewer rays at once; raise where it is one already."""
+    if rows.stop - rows.start <= 1:
+        raise CapacityError(
+            f"ray {rows.start} runs so close to a visible value of {type(field).__name__} that more than "
+            f"{MAX_PIECES} pieces do not prove what it meets. Shift the ray or the transfer function a little."
+        )
+    middle = (rows.start + rows.stop) // 2
+    work(slice(rows.start, middle))
+    work(slice(middle, rows.stop))
+
+
+def _checked_bound(field: Field) -> float | None:
+    """Bound of the field's slope, if it has one."""
+    bound = field.lipschitz()
+    if bound is not None and not 0.0 <= bound < np.inf:
+        raise InputError(
+            f"{type(field).__name__} bounds its slope by {bound!r}; expected a finite number >= 0, or None."
+        )
+    return bound
 
 
 def _unit_from_world(box: Box) -> F64:
@@ -157,28 +261,49 @@ def _sensitivity(bands: BandTable, reach: float) -> float:
 
 
 def _resolved_pieces(
-    field: Field, base: float, line: tuple[F64, F64], intervals: F64, agreement: float
-) -> _Pieces:
-    """Pieces whose cubics agree with the field, in order along every ray."""
+    field: Field,
+    base: float,
+    line: tuple[F64, F64],
+    intervals: F64,
+    agreement: float,
+    isolation: _Isolation | None,
+) -> _Pieces | None:
+    """Pieces whose cubics agree with the field and hide nothing, in order along every ray; None if too many."""
     todo = _first_pieces(field, base, line, intervals)
+    if isolation is not None and todo.ray.size:
+        _check_slopes(todo, base, isolation.bound, field)
     done: list[_Pieces] = []
+    count = 0
     for halving in range(MAX_HALVINGS + 1):
-        middle = todo.ends.mean(axis=1)
+        middle = 0.5 * (todo.ends[:, 0] + todo.ends[:, 1])
         value, slope = _sample(field, base, line, todo.ray, middle)
-        length = todo.ends[:, 1] - todo.ends[:, 0]
-        rise, bend = todo.values[:, 1] - todo.values[:, 0], todo.slopes[:, 0] - todo.slopes[:, 1]
-        value_error = np.abs(value - todo.values.mean(axis=1) - 0.125 * length * bend)
-        slope_error = np.abs(length * (slope + 0.25 * todo.slopes.sum(axis=1)) - 1.5 * rise)
-        floor = ROUNDING_ULP * np.spacing(np.abs(base) + np.abs(todo.values).max(axis=1, initial=0.0))
+        floor = ROUNDING_ULP * np.spacing(np.abs(base) + np.maximum(*np.abs(todo.values).T))
         enough = np.maximum(HALVING_GAIN * agreement, floor)
-        good = (value_error + 0.125 * slope_error <= enough) | (halving == MAX_HALVINGS)
-        halves = _halves(todo, middle, value, slope)
-        done.append(halves.rows(np.tile(good, 2)))
-        todo = halves.rows(np.tile(~good, 2))
+        good = np.tile(_disagreement(todo, value, slope) <= enough, 2)
+        todo = _halves(todo, middle, value, slope)
+        if isolation is not None:
+            good &= ~isolation.hides(todo, np.tile(floor, 2))
+        good |= halving == MAX_HALVINGS
+        done.append(todo.rows(good))
+        count += len(good)
+        if count > MAX_PIECES:
+            return None
+        todo = todo.rows(~good)
         if not todo.ray.size:
             break
     every = _Pieces.joined(done)
     return every.rows(np.lexsort((every.ends[:, 0], every.ray)))
+
+
+def _disagreement(pieces: _Pieces, value: F64, slope: F64) -> F64:
+    """Difference of cubic and field at the middle: of the values, plus 1/8 of the slopes' times the length."""
+    length = pieces.ends[:, 1] - pieces.ends[:, 0]
+    (front, back), (enter, leave) = pieces.values.T, pieces.slopes.T
+    bend = enter - leave
+    value_error = np.abs(value - 0.5 * (front + back) - 0.125 * length * bend)
+    slope_error = np.abs(length * (slope + 0.25 * (enter + leave)) - 1.5 * (back - front))
+    disagreement: F64 = value_error + 0.125 * slope_error
+    return disagreement
 
 
 def _first_pieces(field: Field, base: float, line: tuple[F64, F64], intervals: F64) -> _Pieces:
@@ -193,6 +318,20 @@ def _first_pieces(field: Field, base: float, line: tuple[F64, F64], intervals: F
         return np.stack([table[:, :-1].ravel(), table[:, 1:].ravel()], axis=1)
 
     return _Pieces(np.repeat(rays, FIRST_PIECES), pairs(knots), pairs(value), pairs(slope))
+
+
+def _check_slopes(pieces: _Pieces, base: float, bound: float, field: Field) -> None:
+    """Raise where the field itself contradicts the bound of its slope."""
+    way = float(np.abs(pieces.ends).max())
+    allowed = bound * (pieces.ends[:, 1] - pieces.ends[:, 0] + BOUND_SLACK * way)
+    allowed += ROUNDING_ULP * np.spacing(abs(base) + np.abs(pieces.values).max())
+    wrong = np.flatnonzero(np.abs(pieces.values[:, 1] - pieces.values[:, 0]) > allowed)
+    if wrong.size:
+        raise InputError(
+            f"{type(field).__name__} bounds its slope by {bound:g}, yet changes by "
+            f"{np.ptp(pieces.values[wrong[0]]):g} over {np.ptp(pieces.ends[wrong[0]]):g} world units. "
+            "Correct lipschitz(), or let it return None."
+        )
 
 
 def _halves(pieces: _Pieces, middle: F64, value: F64, slope: F64) -> _Pieces:
@@ -214,7 +353,7 @@ def _sample(field: Field, base: float, line: tuple[F64, F64], ray: I64, t: F64) 
     """Value less the base and slope along the ray, each (P,)."""
     points = line[0][ray] + t[:, None] * line[1][ray]
     value = field.value(points) - base
-    slope: F64 = (field.gradient(points) * line[1][ray]).sum(axis=1)
+    slope: F64 = np.einsum("pi,pi->p", field.gradient(points), line[1][ray])
     wrong = np.flatnonzero(~(np.isfinite(value) & np.isfinite(slope)))
     if wrong.size:
         raise InputError(

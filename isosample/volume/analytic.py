@@ -47,6 +47,10 @@ class Constant(Field):
         """Zero everywhere."""
         return np.zeros(np.shape(points), dtype=np.float64)
 
+    def lipschitz(self) -> float:
+        """Return 0."""
+        return 0.0
+
 
 @dataclass(frozen=True)
 class LinearRamp(Field):
@@ -64,6 +68,10 @@ class LinearRamp(Field):
         """Return `normal` everywhere."""
         return np.broadcast_to(np.asarray(self.normal, dtype=np.float64), np.shape(points)).copy()
 
+    def lipschitz(self) -> float:
+        """Return |normal|, which is |∇f| everywhere."""
+        return math.hypot(*self.normal)
+
 
 @dataclass(frozen=True)
 class SphereDistance(Field):
@@ -80,6 +88,10 @@ class SphereDistance(Field):
     def gradient(self, points: F64) -> F64:
         """Return the unit vector away from the centre."""
         return _distance(points, self.centre)[1]
+
+    def lipschitz(self) -> float:
+        """Return 1, by the triangle inequality: distances to one point differ by no more than the way."""
+        return 1.0
 
 
 @dataclass(frozen=True)
@@ -122,6 +134,14 @@ class GaussianMixture(Field):
             total -= (amplitude / width) * _bell(scaled)[..., None] * scaled
         return total
 
+    def lipschitz(self) -> float:
+        """Return Σ |a_k| e^(−1/2) / w_k.
+
+        |∇ exp(−s²/2)| = (s / w) exp(−s²/2), s = |p − c| / w, is stationary at s = 1 only; the triangle
+        inequality does the rest. Attained by a single Gaussian.
+        """
+        return sum(abs(a) / w for a, w in zip(self.amplitudes, self.widths, strict=True)) * math.exp(-0.5)
+
 
 def nucleon_like() -> GaussianMixture:
     """Return two bodies on an axis with a ring of six between them, in the box [0, 40]³, values about 0 to 1.
@@ -162,6 +182,10 @@ class GaussianShell(Field):
         gradient: F64 = slope[..., None] * direction
         return gradient
 
+    def lipschitz(self) -> float:
+        """Return |amplitude| e^(−1/2) / width: |s| exp(−s²/2) is largest where the scaled distance s is ±1."""
+        return abs(self.amplitude) * math.exp(-0.5) / self.width
+
 
 @dataclass(frozen=True)
 class MarschnerLobb(Field):
@@ -199,6 +223,16 @@ class MarschnerLobb(Field):
         gradient: F64 = np.stack([across * x, across * y, along], axis=-1) / (2 * (1 + self.alpha))
         return gradient
 
+    def lipschitz(self) -> float:
+        """Return hypot(α π² f_M, π / 2) / (2 (1 + α)).
+
+        Across the axis |dρ_r/dr| = 2π f_M (π / 2) |sin(πr/2) sin(2π f_M cos(πr/2))| <= π² f_M, along it
+        |d sin(πz/2)/dz| <= π / 2; the two are perpendicular. The sines of the first do not reach 1 together,
+        but nearly so where f_M is large.
+        """
+        across, along = self.alpha * np.pi**2 * self.frequency, 0.5 * np.pi
+        return math.hypot(across, along) / abs(2 * (1 + self.alpha))
+
 
 @dataclass(frozen=True)
 class Gyroid(Field):
@@ -218,6 +252,14 @@ class Gyroid(Field):
         wave_number = math.tau / self.period
         slope: F64 = wave_number * (cosine * np.roll(cosine, -1, axis=-1) - np.roll(sine, 1, axis=-1) * sine)
         return slope
+
+    def lipschitz(self) -> float:
+        """Return √3 |k|.
+
+        With X = kx and so on, (df/dx)² / k² = (cos X cos Y − sin Z sin X)² <= cos² Y + sin² Z (Cauchy and
+        Schwarz, cos² X + sin² X = 1); the sum over the axes is 3. Attained at the origin.
+        """
+        return math.sqrt(3.0) * math.tau / abs(self.period)
 
     def _waves(self, points: F64) -> tuple[F64, F64]:
         phase = math.tau / self.period * np.asarray(points, dtype=np.float64)
@@ -249,6 +291,10 @@ class PlaneWaves(Field):
         heights = -np.sin(self._phase(points)) * np.asarray(self.amplitudes, dtype=np.float64)
         slope: F64 = heights @ np.asarray(self.wave_vectors, dtype=np.float64)
         return slope
+
+    def lipschitz(self) -> float:
+        """Return Σ |a_k| |q_k|, by the triangle inequality; attained by a single wave."""
+        return sum(abs(a) * math.hypot(*q) for a, q in zip(self.amplitudes, self.wave_vectors, strict=True))
 
     def _phase(self, points: F64) -> F64:
         phase: F64 = np.asarray(points) @ np.asarray(self.wave_vectors).T + np.asarray(self.phases)

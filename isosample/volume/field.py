@@ -38,6 +38,14 @@ class Field(ABC):
     def gradient(self, points: F64) -> F64:
         """Return the gradient at `points`, (..., 3) float64, per world unit; see `value`."""
 
+    def lipschitz(self) -> float | None:
+        """Upper bound of |∇f| over all of space [data units per world unit]; None where none is known.
+
+        With a bound L, f stays within (f(a) + f(b)) / 2 ± L |b − a| / 2 between two points of a line: no
+        feature, however narrow, can hide from an integrator that knows L.
+        """
+        return None
+
 
 def sample_field(
     field: Field,
