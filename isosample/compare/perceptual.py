@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -99,6 +99,8 @@ def ssim(
     InputError
         If the pictures are not comparable or smaller than the window, the background is not such a colour, or
         no pixel counts.
+    MissingDependencyError
+        If the package scikit-image is not installed.
 
     Notes
     -----
@@ -110,11 +112,10 @@ def ssim(
     .. [1] Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image quality assessment: from error
        visibility to structural similarity", IEEE TIP 13(4), 2004.
     """
-    from skimage.metrics import structural_similarity
-
     pair = displayed_pair(image, truth, background=background, pixels=pixels)
     inner = _inner_pixels(pair.counted)
-    _, similarity = structural_similarity(  # type: ignore[no-untyped-call]
+    metrics = _module("skimage.metrics", "SSIM", "scikit-image")
+    _, similarity = metrics.structural_similarity(
         srgb_from_linear(pair.image),
         srgb_from_linear(pair.truth),
         data_range=1.0,
@@ -154,6 +155,8 @@ def delta_e_2000(
     ------
     InputError
         If the pictures are not comparable, the background is not such a colour, or no pixel counts.
+    MissingDependencyError
+        If the package scikit-image is not installed.
 
     Notes
     -----
@@ -164,13 +167,12 @@ def delta_e_2000(
     .. [1] G. Sharma, W. Wu, E. N. Dalal, "The CIEDE2000 color-difference formula", Color Research and
        Application 30(1), 2005.
     """
-    from skimage.color import deltaE_ciede2000, rgb2lab
-
     pair = displayed_pair(image, truth, background=background, pixels=pixels)
+    color = _module("skimage.color", "the CIE ΔE2000 difference", "scikit-image")
     estimate, reference = (
-        rgb2lab(srgb_from_linear(picture[pair.counted])) for picture in (pair.image, pair.truth)
+        color.rgb2lab(srgb_from_linear(picture[pair.counted])) for picture in (pair.image, pair.truth)
     )
-    differences = deltaE_ciede2000(reference, estimate)  # type: ignore[no-untyped-call]
+    differences = color.deltaE_ciede2000(reference, estimate)
     return float(differences.mean())
 
 
@@ -223,16 +225,21 @@ def flip(
             f"such as {FLIP_PIXELS_PER_DEGREE:.2f}."
         )
     pair = displayed_pair(image, truth, background=background, pixels=pixels)
-    try:
-        evaluator = importlib.import_module("flip_evaluator")
-    except ImportError as error:
-        raise MissingDependencyError(
-            "the FLIP difference needs flip-evaluator, which is not installed: pip install flip-evaluator."
-        ) from error
+    evaluator = _module("flip_evaluator", "the FLIP difference", "flip-evaluator")
     reference, estimate = (np.ascontiguousarray(p, dtype=np.float32) for p in (pair.truth, pair.image))
     settings = {"ppd": pixels_per_degree}
     difference, *_ = evaluator.evaluate(reference, estimate, "LDR", False, False, False, settings)
     return float(difference[..., 0][pair.counted].mean(dtype=np.float64))
+
+
+def _module(name: str, measure: str, package: str) -> Any:
+    """Import a module that comes with the extra `compare`, or say how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingDependencyError(
+            f'{measure} needs {package}, which is not installed: pip install "isosample[compare]".'
+        ) from error
 
 
 def _checked_background(background: Sequence[float]) -> Sequence[float]:

@@ -206,10 +206,21 @@ def test_flip_refuses_an_impossible_viewer(density: float) -> None:
         flip(grey(0.5), grey(0.5), background=BLACK, pixels_per_degree=density)
 
 
-def test_without_its_package_flip_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "flip_evaluator", None)
-    with pytest.raises(MissingDependencyError, match="pip install flip-evaluator"):
-        flip(grey(0.5), grey(0.5), background=BLACK)
+PACKAGES = {
+    "ssim": ("skimage.metrics", "scikit-image"),
+    "delta_e_2000": ("skimage.color", "scikit-image"),
+    "flip": ("flip_evaluator", "flip-evaluator"),
+}
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_without_its_package_a_measure_says_what_to_install(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module, package = PACKAGES[name]
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingDependencyError, match=rf'needs {package}.*pip install "isosample\[compare\]"'):
+        MEASURES[name](grey(0.5), grey(0.5), background=BLACK)
 
 
 def test_importing_the_measures_loads_no_heavy_package() -> None:
