@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.compare.differences import rmse
 from isosample.compare.exact_crossings import integrate_exact_crossings
 from isosample.compare.study import Study
 from isosample.compare.study_scenes import EDGE, TwoTents, draw, layers, smooth_window
@@ -77,7 +78,7 @@ def isovalue_study(rule: SegmentRule, *, quick: bool) -> Study:
     for count in counts:
         plan = scene.plan(int(count))
         found = integrate_exact_crossings(nucleon_like(), plan, scene.box, origins, directions, rule)
-        errors.append(rmse(found, truth))
+        errors.append(rmse(found[None], truth[None]))  # a picture of one row
     expected, reason = RULE_ORDERS[rule]
     return Study(
         name=f"isovalues_{rule.value}",
@@ -120,7 +121,8 @@ def surface_count_study(*, quick: bool) -> Study:
     origins, directions = scene.rays(pixels)
     truth = integrate_rays(scene.sampled(samples), scene.transfer_function, origins, directions)
     counts = np.array([1, 3, 7] if quick else [1, 3, 7, 15])
-    errors = [rmse(scene.picture(samples, pixels, int(count)), truth) for count in counts]
+    pictures = (scene.picture(samples, pixels, int(count)) for count in counts)
+    errors = [rmse(picture[None], truth[None]) for picture in pictures]  # a picture of one row
     return Study(
         name="isovalues_on_a_grid",
         question=f"More isovalues per slope on a grid of {samples}³, by the GPU; against the trilinear reference.",
@@ -232,8 +234,3 @@ def reference_panel_study(*, quick: bool) -> Study:
         bounds=np.full(len(edges), REFERENCE_BOUND),
         reason="the reference promises 1e-10",
     )
-
-
-def rmse(found: F64, truth: F64) -> float:
-    """Root mean square of the difference over all pixels and components."""
-    return float(np.sqrt(np.mean((found - truth) ** 2)))
