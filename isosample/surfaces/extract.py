@@ -210,7 +210,10 @@ def extract_meshes(
 
 def check_isovalues(isovalues: Sequence[float] | F64) -> F64:
     """Return isovalues as a read-only (K,) float64 array, or raise InputError naming what is wrong."""
-    levels = np.array(isovalues, dtype=np.float64)
+    try:
+        levels = np.array(isovalues, dtype=np.float64)
+    except (TypeError, ValueError):
+        levels = np.array(np.nan)
     if levels.ndim != 1 or not np.isfinite(levels).all():
         raise InputError(f"isovalues {isovalues!r} must be a list of finite numbers.")
     if (np.diff(levels) <= 0).any():

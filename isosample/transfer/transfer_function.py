@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["ControlPoint", "Isosurface", "Slope", "TransferFunction"]
 
 F64 = npt.NDArray[np.float64]
+Entry = TypeVar("Entry", ControlPoint, Isosurface)
 Side = Literal["right", "left", "closed"]
 
 SEPARATION_ULP = 4  # values closer than this many units in the last place are one value
@@ -61,7 +63,7 @@ class TransferFunction:
     ------
     InputError
         If both lists are empty, values do not ascend, there is one point only, more than two points share a
-        value, or two isosurfaces share one.
+        value, two isosurfaces share one, or an entry is of another type.
 
     Notes
     -----
@@ -73,8 +75,9 @@ class TransferFunction:
     isosurfaces: tuple[Isosurface, ...] = ()
 
     def __init__(self, points: Sequence[ControlPoint], isosurfaces: Sequence[Isosurface] = ()) -> None:
-        object.__setattr__(self, "points", tuple(points))
-        object.__setattr__(self, "isosurfaces", tuple(sorted(isosurfaces, key=lambda surface: surface.value)))
+        object.__setattr__(self, "points", _entries(points, ControlPoint, "points"))
+        surfaces = _entries(isosurfaces, Isosurface, "isosurfaces")
+        object.__setattr__(self, "isosurfaces", tuple(sorted(surfaces, key=lambda surface: surface.value)))
         _check_points(self.points)
         _check_isosurfaces(self.isosurfaces)
         if not self.points and not self.isosurfaces:
@@ -192,6 +195,20 @@ class TransferFunction:
             np.array([point.color for point in self.points]),
             np.array([point.extinction for point in self.points]),
         )
+
+
+def _entries(entries: Sequence[Entry], kind: type[Entry], name: str) -> tuple[Entry, ...]:
+    """Return the entries as a tuple, or raise if one is of another type."""
+    if not isinstance(entries, Iterable):
+        raise InputError(f"{name} is {entries!r}; expected a list of {kind.__name__}.")
+    found = tuple(entries)
+    for i, entry in enumerate(found):
+        if not isinstance(entry, kind):
+            raise InputError(
+                f"{name}[{i}] is {entry!r}; expected {kind.__name__}(value, (red, green, blue), "
+                f"{'extinction' if name == 'points' else 'opacity'})."
+            )
+    return found
 
 
 def _check_points(points: tuple[ControlPoint, ...]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -308,9 +308,11 @@ def test_a_single_slice_is_refused() -> None:
         ([2.0, 1.0], "isovalue 1.0 at place 1"),
         ([np.nan], "finite"),
         ([[1.0]], "list"),
+        (["a"], r"isovalues \['a'\] must be a list of finite numbers"),
+        (object(), "list of finite numbers"),
     ],
 )
-def test_isovalues_out_of_order_are_refused(isovalues: list[float], message: str) -> None:
+def test_isovalues_out_of_order_are_refused(isovalues: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):
         extract_surfaces(Volume(np.zeros((2, 2, 2))), isovalues)
 

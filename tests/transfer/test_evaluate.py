@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -70,6 +72,20 @@ def test_shapes_follow_the_values() -> None:
 def test_an_unknown_side_is_refused() -> None:
     with pytest.raises(InputError, match="side 'above' must be"):
         tent().evaluate(0.0, "above")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("points", "isosurfaces", "message"),
+    [
+        ([(1, 2)], [], r"points\[0\] is \(1, 2\); expected ControlPoint"),
+        ([ControlPoint(1, RED, 0), Isosurface(1, RED, 0.5)], [], r"points\[1\] is Isosurface"),
+        ([], [ControlPoint(1, RED, 0)], r"isosurfaces\[0\] is ControlPoint.*expected Isosurface.*opacity"),
+        (5, [], "points is 5; expected a list of ControlPoint"),
+    ],
+)
+def test_entries_of_another_type_are_refused(points: Any, isosurfaces: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        TransferFunction(points, isosurfaces)
 
 
 def test_slopes_leave_out_steps_and_know_what_they_are() -> None:

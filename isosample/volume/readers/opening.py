@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from isosample.errors import InputError
 from isosample.volume.grid import Volume
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
+
+    Vector = tuple[float, float, float]  # that there are three is for Volume to check
 
 READERS = {
     Format.NRRD: itk.read_nrrd,
@@ -67,7 +69,8 @@ def open_volume(
     MissingDependencyError
         If the format needs a package that is not installed.
     InputError
-        If the file is missing, damaged, incomplete, of an unknown format, or not one scalar volume.
+        If the file is missing, damaged, incomplete, of an unknown format, or not one scalar volume, or if an
+        option is not as above.
     """
     path = Path(path)
     options = ReadOptions(
@@ -82,8 +85,7 @@ def open_volume(
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
     if spacing is None:
         return volume
-    x, y, z = spacing
-    return Volume(volume.array, (x, y, z), volume.origin, volume.direction, volume.name)
+    return Volume(volume.array, cast("Vector", spacing), volume.origin, volume.direction, volume.name)
 
 
 def _read(path: Path, options: ReadOptions) -> Volume:

@@ -50,11 +50,14 @@ class ReadOptions:
 
 def parse_shape(shape: Sequence[int]) -> Triple:
     """Return three sample counts (x, y, z), or raise."""
-    counts = tuple(shape)
-    if len(counts) != 3 or any(n < 1 or n != int(n) for n in counts):
-        raise InputError(f"shape {counts} must be three whole numbers >= 1 (x, y, z).")
-    x, y, z = (int(n) for n in counts)
-    return (x, y, z)
+    try:
+        counts = tuple(int(n) for n in shape)
+        whole = counts == tuple(shape)
+    except (TypeError, ValueError, OverflowError):
+        counts, whole = (), False
+    if not whole or len(counts) != 3 or min(counts) < 1:
+        raise InputError(f"shape {shape!r} must be three whole numbers >= 1 (x, y, z).")
+    return (counts[0], counts[1], counts[2])
 
 
 def parse_dtype(dtype: npt.DTypeLike) -> np.dtype[np.generic]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -100,6 +100,22 @@ def test_a_shape_for_a_self_describing_file_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", SAMPLES)
     with pytest.raises(InputError, match=r"states its own size and type \(NumPy\); leave out --shape"):
         open_volume(tmp_path / "a.npy", shape=(4, 3, 2))
+
+
+@pytest.mark.parametrize("spacing", [(1, 2), (1, "a", 2), 2.0, (1, 2, np.nan), (1, 0, 1)])
+def test_a_spacing_that_is_no_three_lengths_is_refused(tmp_path: Path, spacing: Any) -> None:
+    np.save(tmp_path / "a.npy", SAMPLES)
+    with pytest.raises(InputError, match=r"spacing .* must be"):
+        open_volume(tmp_path / "a.npy", spacing=spacing)
+
+
+@pytest.mark.parametrize(
+    "shape", [(4, 3), (4, "a", 2), 24, (4, 3, np.nan), (4, 3, np.inf), (4, 3, 0), (4, 3, 1.5)]
+)
+def test_a_shape_that_is_no_three_counts_is_refused(tmp_path: Path, shape: Any) -> None:
+    (tmp_path / "a.raw").write_bytes(bytes(24))
+    with pytest.raises(InputError, match=r"shape .* must be three whole numbers >= 1"):
+        open_volume(tmp_path / "a.raw", shape=shape, dtype="u1")
 
 
 def test_without_simpleitk_the_error_says_how_to_install_it(
