@@ -5,6 +5,7 @@ OPENGL := .venv/.opengl
 
 WORKERS ?= 2
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
+# ISOSAMPLE_VOLUMES: folder of real scans (default ../shared/volumes); without it their tests are skipped.
 # 1: a test that needs OpenGL fails without it; 0: it is skipped.
 export ISOSAMPLE_REQUIRE_GL ?= 1
 ifneq ($(ISOSAMPLE_REQUIRE_GL),0)

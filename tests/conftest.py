@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 hypothesis.settings.register_profile("ci", derandomize=True, deadline=None, max_examples=60)
 hypothesis.settings.load_profile("ci")
 
-REAL_VOLUMES = Path(__file__).resolve().parents[2] / "shared" / "volumes"
+VOLUMES_VARIABLE = "ISOSAMPLE_VOLUMES"  # names the folder of real scans; the default lies beside the checkout
+REAL_VOLUMES = Path(
+    os.environ.get(VOLUMES_VARIABLE) or Path(__file__).resolve().parents[2] / "shared" / "volumes"
+).absolute()
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +39,7 @@ def _numpy_errors_raise() -> Iterator[None]:
 def real_volumes() -> Path:
     """Folder of real scans; tests that need it are skipped where it is absent."""
     if not (REAL_VOLUMES / "README.md").is_file():
-        pytest.skip("the folder of real scans (../shared/volumes) is not there")
+        pytest.skip(f"{REAL_VOLUMES} is no folder of real scans; {VOLUMES_VARIABLE} names one")
     return REAL_VOLUMES
 
 
