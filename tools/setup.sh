@@ -60,9 +60,13 @@ setup_python() {
 # The last line of what happened: the renderer's name, or why there is no context.
 try_opengl() {
     "$VENV/bin/python" 2>&1 <<'PYTHON' | tail -n 1
-import os, moderngl
-backend = os.environ.get("ISOSAMPLE_GL_BACKEND", "egl")
-print("OpenGL by", moderngl.create_context(standalone=True, backend=backend, require=450).info["GL_RENDERER"])
+from isosample.errors import OpenGLError
+from isosample.gl.context import create_context
+
+try:
+    print("OpenGL by", create_context().info["GL_RENDERER"])
+except OpenGLError as error:
+    print(error.__cause__)
 PYTHON
 }
 
@@ -70,9 +74,9 @@ setup_opengl() {
     local outcome
     outcome=$(try_opengl)
     case $outcome in "OpenGL by "*) say "$outcome"; return ;; esac
-    require_packages "no OpenGL 4.5 context through EGL ($outcome)" "${OPENGL_PACKAGES[@]}"
+    require_packages "no OpenGL 4.5 context ($outcome)" "${OPENGL_PACKAGES[@]}"
     outcome=$(try_opengl)
-    case $outcome in "OpenGL by "*) say "$outcome" ;; *) fail "still no OpenGL 4.5 context through EGL: $outcome" ;; esac
+    case $outcome in "OpenGL by "*) say "$outcome" ;; *) fail "still no OpenGL 4.5 context: $outcome" ;; esac
 }
 
 lock() {
