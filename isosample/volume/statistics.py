@@ -67,6 +67,5 @@ def _whole_value_edges(low: int, high: int, bins: int) -> F64:
     """Edges halfway between whole numbers, equally many whole numbers per bin."""
     span = high - low + 1
     width = 1 if span <= BIN_PER_VALUE else math.ceil(span / bins)
-    width = max(width, math.ceil(_least_width(low, high)))
     edges: F64 = low - 0.5 + width * np.arange(math.ceil(span / width) + 1, dtype=np.float64)
     return edges
