@@ -22,7 +22,7 @@ SIZE = (48, 40)
 VIEW = np.array([1.0, 2.0, 3.0])
 ORIGIN = np.array([3.0, -2.0, 5.0])
 U = 2.0**-24  # unit roundoff of float32
-QUADRATURE = 1.1e-6  # shaders/lib/optics.glsl: error of segment_weights
+QUADRATURE = 3.8e-6  # shaders/lib/optics.glsl: error of segment_weights, roundings included
 
 
 def gamma(roundings: int) -> float:

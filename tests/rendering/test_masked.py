@@ -18,7 +18,7 @@ from isosample.surfaces.mask_faces import MaskFaces, valid_cells
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.volume.grid import Box, Volume
 from rendering.scenes import F64, LARGE, box_interval, linear_slab, ramp_tf
-from rendering.test_closed_forms import KINDS, SIZE, camera_of, gamma, ramp_volume
+from rendering.test_closed_forms import KINDS, QUADRATURE, SIZE, camera_of, gamma, ramp_volume
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +92,7 @@ def test_a_linear_field_with_a_hole_is_the_two_parts_of_its_rays(
     # rasteriser's 1/256 pixel of an edge of the border, which may then count for the neighbouring pixel.
     reach = float(np.linalg.norm(np.asarray(camera.eye) - volume.box.centre)) + volume.box.radius
     cosine = np.where(np.abs(directions) > 1e-9, np.abs(directions), 1.0).min(axis=-1)
-    tolerance = 1.1e-6 + gamma(30) + 4 * 0.3 * (gamma(12) * reach / cosine + 2.0**-18 * reach)
+    tolerance = QUADRATURE + gamma(30) + 4 * 0.3 * (gamma(12) * reach / cosine + 2.0**-18 * reach)
     wrong = np.abs(rgba - expected).max(axis=-1) > tolerance
     assert wrong.mean() < 4 * 2 / 256, f"{wrong.sum()} pixels"
     assert expected[..., 3].max() > 0.2
