@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks import bench_abuffer, bench_extract, bench_startup
+from benchmarks import bench_abuffer, bench_extract, bench_reference, bench_startup
 from benchmarks.machine import describe_machine
 
 RESULTS = Path(__file__).parent / "RESULTS.md"
@@ -21,7 +21,7 @@ def main() -> None:
         "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n",
         describe_machine(),
     ]
-    for program in (bench_startup, bench_extract, bench_abuffer):
+    for program in (bench_startup, bench_extract, bench_abuffer, bench_reference):
         parts.append(program.report(quick=quick))
         print(parts[-1], flush=True)
     if not quick:
