@@ -77,8 +77,8 @@ class _Isolation(NamedTuple):
         By band, at its lower and its upper end [1/world].
     peak : (K + 1, K + 1) float64
         ``peak[i, j]`` is the largest extinction on either side of the levels i to j − 1; 0 for none.
-    surfaces : (K + 1,) int64
-        Number of isosurfaces among the levels below the i-th.
+    surfaces, steps : (K + 1,) int64
+        Number of isosurfaces and of steps of the extinction or colour among the levels below the i-th.
     tolerance, agreement : float
         What a hidden optical depth [1] and a hidden excursion [data units] may amount to.
     """
@@ -88,6 +88,7 @@ class _Isolation(NamedTuple):
     extinction: F64
     peak: F64
     surfaces: I64
+    steps: I64
     tolerance: float
     agreement: float
 
@@ -98,9 +99,12 @@ class _Isolation(NamedTuple):
         peak = np.zeros((count + 1, count + 1))
         for first in range(count):
             peak[first, first + 1 :] = np.maximum.accumulate(beside[first:])
-        surfaces = np.concatenate([[0], np.cumsum(bands.level_visible)])
+        jumps = (bands.extinction[:-1, 1] != bands.extinction[1:, 0]) | (
+            (bands.color[:-1, 1] != bands.color[1:, 0]).any(axis=1) & (beside > 0.0)
+        )
+        surfaces, steps = (np.append(0, np.cumsum(which)) for which in (bands.level_visible, jumps))
         levels = bands.edges[1:-1]
-        return cls(bound, levels, bands.extinction, peak, surfaces, tolerance, agreement)
+        return cls(bound, levels, bands.extinction, peak, surfaces, steps, tolerance, agreement)
 
     def mirrored(self) -> _Isolation:
         """The same for the field times −1."""
@@ -109,17 +113,27 @@ class _Isolation(NamedTuple):
             extinction=self.extinction[::-1, ::-1],
             peak=self.peak[::-1, ::-1].T,
             surfaces=self.surfaces[-1] - self.surfaces[::-1],
+            steps=self.steps[-1] - self.steps[::-1],
         )
 
     def hides(self, pieces: _Pieces, floor: F64) -> Bool:
-        """(P,) bool, whether a piece may reach something visible that lies beyond both of its ends."""
+        """(P,) bool, whether a piece may reach something visible that lies beyond both of its ends.
+
+        Also whether it may cross an isosurface or a step, between its ends, more often than it must.
+        """
         low, high = np.minimum(*pieces.values.T), np.maximum(*pieces.values.T)
         length = pieces.ends[:, 1] - pieces.ends[:, 0]
         over = np.maximum(0.5 * (self.bound * length - (high - low)), 0.0)
-        surfaces_hide = over > np.maximum(self.agreement, floor)
+        least = np.maximum(self.agreement, floor)
         flat = low == high
-        hidden = self._above(high, over, length, flat, surfaces_hide)
-        return hidden | self.mirrored()._above(-low, over, length, flat, surfaces_hide)
+        hidden = self._above(high, over, length, flat, over > least)
+        hidden |= self.mirrored()._above(-low, over, length, flat, over > least)
+        first = np.searchsorted(self.levels, low, side="right")
+        final = np.maximum(np.searchsorted(self.levels, high, side="left"), first)
+        many = self.surfaces[final] > self.surfaces[first]
+        many |= (length * self.peak[0, -1] > self.tolerance) & (self.steps[final] > self.steps[first])
+        hidden |= many & (over > least)
+        return hidden
 
     def _above(self, top: F64, over: F64, length: F64, flat: Bool, surfaces_hide: Bool) -> Bool:
         """Whether the levels from `top` to `top + over` weigh too much; a flat piece has reached its own."""
@@ -154,7 +168,7 @@ def integrate_field_rays(
     Parameters
     ----------
     field : Field
-        Value and gradient at world positions.
+        Value and gradient at world positions, and the bound of its slope if it has one.
     transfer_function : TransferFunction
     box : Box
         The field counts inside it only.
@@ -173,17 +187,35 @@ def integrate_field_rays(
     Raises
     ------
     InputError
-        As `integrate_rays`; also if the box has no extent or the field is not finite on a ray.
+        As `integrate_rays`; also if the box has no extent, the field is not finite on a ray or the bound of
+        its slope is not a number >= 0 or is contradicted by its values.
+    CapacityError
+        If a ray needs more than 2²² pieces.
 
     Notes
     -----
-    A change of the field by tolerance / (length of the ray · largest |dτ/dv| + largest |dc/dv|) changes depth
-    and colour by at most the tolerance. A ray is cut into 64 equal pieces; a piece is halved until the cubic
-    of its ends agrees, in value and in slope, with the field at its middle to within 8 times that; the two
-    halves, whose cubics err by 1/16 as much, are then used. This is verification at points, not a proof: a
-    feature of the field that is narrower than 1/128 of the ray's way through the box, and leaves no trace at
-    those points, is missed. At a step of the transfer function and at an isosurface the crossing moves by
-    the error of the field divided by its slope, so that the error grows where a ray nearly touches them.
+    A change of the field by the agreement tolerance / (length of the ray · largest |dτ/dv| + largest |dc/dv|)
+    changes depth and colour by at most the tolerance. A ray is cut into 64 equal pieces; a piece is halved
+    until the cubic of its ends agrees, in value and in slope, with the field at its middle to within 8 times
+    that; the two halves, whose cubics err by 1/16 as much, are then used. This is verification at points.
+
+    Where ``field.lipschitz()`` gives a bound L, the field on a piece [a, b] keeps within
+    (f(a) + f(b)) / 2 ± L (b − a) / 2, and a piece is halved as long as that interval reaches a control point, a
+    step or an isosurface beyond both f(a) and f(b), or f(a) and f(b) lie on two sides of a step or an
+    isosurface (which could be crossed more than once). It is left when the interval reaches
+
+    - no isosurface, or is wider than [f(a), f(b)] by the agreement at most: every crossing of an isosurface
+      is found, but for pairs of crossings that a change of the field by the agreement removes; and
+    - no extinction τ with τ (b − a) > tolerance: what hides in one piece adds less than the tolerance to the
+      optical depth, so that no visible range, however narrow the feature that reaches it, is missed.
+
+    Not guaranteed, even so: a feature between two points whose values keep within the bands (the ranges between
+    levels of the transfer function) that the ends of its piece show is verified at points only, and so is
+    all of a field without a bound: there a feature narrower than 1/128 of the ray's way through the box may be
+    missed. The proof is in real numbers; the rounding of positions, about 1e-16 of them times L, is not in it.
+    At a step and at an isosurface the crossing moves by the error of the field divided by its slope, so that
+    the error grows where a ray nearly touches them. A ray that keeps within L · s of an isosurface over a
+    length l needs about l / s pieces.
     """
     starts, ways = checked_rays(origins, directions)
     matrix, last = _unit_from_world(box), np.ones(3)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-from isosample.errors import InputError
+from isosample.errors import CapacityError, InputError
+from isosample.integral import field_reference
 from isosample.integral.field_reference import integrate_field_rays
 from isosample.integral.reference import integrate_rays
 from isosample.transfer.control_points import ControlPoint, Isosurface
@@ -20,6 +23,9 @@ from isosample.volume.analytic import (
     sample_field,
 )
 from isosample.volume.grid import F64, Box
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 WHITE = (1.0, 1.0, 1.0)
 BOX = Box(corner=np.array([-2.0, -3.0, -2.5]), edges=np.diag([4.0, 6.0, 5.0]))
@@ -113,6 +119,165 @@ def test_the_tolerance_is_met(tolerance: float) -> None:
     rgba = integrate_field_rays(field, tf, BOX, origins, ways, tolerance=tolerance)
     finer = integrate_field_rays(field, tf, BOX, origins, ways, tolerance=tolerance / 100)
     assert 0 < np.abs(rgba - finer).max() <= tolerance
+
+
+LEVEL = 0.35  # where the transfer function of the narrow Gaussians begins
+EXTINCTION = 3000.0
+NARROW = TransferFunction(
+    [ControlPoint(LEVEL, (1.0, 0.4, 0.0), EXTINCTION), ControlPoint(1.2, (0.0, 0.5, 1.0), EXTINCTION)]
+)
+
+
+def narrow_ray_through(field: Field, tf: TransferFunction, tolerance: float = 1e-6) -> F64:
+    rgba = integrate_field_rays(field, tf, BOX, [[0.0, 0.0, -9.0]], [[0.0, 0.0, 1.0]], tolerance=tolerance)
+    return np.asarray(rgba[0])
+
+
+def slab_by_quadrature(centre: float, width: float, amplitude: float) -> F64:
+    """Midpoint sums over the stretch on which the Gaussian is above the level, known in closed form.
+
+    The colour is smooth there: n panels err by less than the second derivative, (extinction · stretch)² or
+    so, over 24 n², about 1e-9.
+    """
+    half = width * np.sqrt(2 * np.log(amplitude / LEVEL))
+    count = 20000
+    t = centre + half * ((np.arange(count) + 0.5) * 2 / count - 1)
+    value = amplitude * np.exp(-0.5 * ((t - centre) / width) ** 2)
+    share = ((value - LEVEL) / (1.2 - LEVEL))[:, None]
+    color = np.array([1.0, 0.4, 0.0]) * (1 - share) + np.array([0.0, 0.5, 1.0]) * share
+    depth = EXTINCTION * (2 * half / count)
+    weight = np.exp(-depth * np.arange(count)) * -np.expm1(-depth)
+    return np.append((weight[:, None] * color).sum(axis=0), -np.expm1(-depth * count))
+
+
+@pytest.mark.parametrize("width", [4e-4, 1e-3])
+@pytest.mark.parametrize("centre", [-2.49321, -0.317123, 0.0123456789, 1.7071, 2.4876])
+def test_a_gaussian_far_narrower_than_the_pieces_is_found(width: float, centre: float) -> None:
+    """First pieces are 5 / 64 = 0.078 long; at the nearest of their ends and middles the Gaussian is 0."""
+    knots = np.linspace(-2.5, 2.5, 129)
+    assert np.abs(knots - centre).min() > 4 * width
+    rgba = narrow_ray_through(GaussianMixture(((0.0, 0.0, centre),), (width,), (0.7,)), NARROW)
+    expected = slab_by_quadrature(centre, width, 0.7)
+    # Either end of the stretch moves by the error of the field, at most the tolerance, over its slope there.
+    slope = LEVEL / width * np.sqrt(2 * np.log(0.7 / LEVEL))
+    assert np.abs(rgba - expected).max() <= 1e-6 + 2 * EXTINCTION * 1e-6 / slope + 1e-8
+    assert expected[3] > 0.7
+
+
+def test_a_narrow_gaussian_on_a_slope_that_crosses_the_isosurface_is_crossed_too() -> None:
+    """The piece in which a wide Gaussian crosses 0.5 holds a narrow one, which adds two crossings."""
+    surface = TransferFunction([], [Isosurface(0.5, WHITE, 0.3)])
+    crossing = -np.sqrt(2 * np.log(2.0))
+    for offset, amplitude in ((0.0173, -0.4), (-0.0173, 0.4)):  # down behind the crossing, up before it
+        centres = ((0.0, 0.0, 0.0), (0.0, 0.0, crossing + offset))
+        field = GaussianMixture(centres, (1.0, 1e-3), (1.0, amplitude))
+        rgba = narrow_ray_through(field, surface)
+        np.testing.assert_allclose(rgba, np.full(4, 1 - 0.7**4), rtol=0, atol=1e-12)  # opacity only: exact
+
+
+def test_a_narrow_dip_below_an_isosurface_is_crossed_twice() -> None:
+    field = GaussianMixture(((0.0, 0.0, 0.0), (0.0, 0.0, 0.4123)), (50.0, 1e-3), (0.9, -0.7))
+    surface = TransferFunction([], [Isosurface(0.5, WHITE, 0.3)])
+    # It enters the box inside, at 0.9, which is no crossing.
+    np.testing.assert_allclose(narrow_ray_through(field, surface), np.full(4, 0.51), rtol=0, atol=1e-12)
+
+
+def test_many_rays_are_worked_on_in_parts_where_they_need_many_pieces(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    field = GaussianMixture(((0.0, 0.0, 0.0123456789),), (1e-3,), (0.7,))
+    origins = np.stack([np.linspace(-1e-3, 1e-3, 9), np.zeros(9), np.full(9, -9.0)], axis=1)
+    ways = np.tile([0.0, 0.0, 1.0], (9, 1))
+    whole = integrate_field_rays(field, NARROW, BOX, origins, ways, tolerance=1e-6)
+    monkeypatch.setattr(field_reference, "MAX_PIECES", 1 << 14)
+    parts: list[slice] = []
+
+    def counted(work: Callable[[slice], None], rows: slice, of: Field) -> None:
+        parts.append(rows)
+        original(work, rows, of)
+
+    original = field_reference._work_on_halves
+    monkeypatch.setattr(field_reference, "_work_on_halves", counted)
+    np.testing.assert_array_equal(
+        integrate_field_rays(field, NARROW, BOX, origins, ways, tolerance=1e-6), whole
+    )
+    assert len(parts) > 0
+    assert whole[4, 3] > 0.7
+
+
+class Unbounded(GaussianMixture):
+    """The same field, but nothing is known of its slope."""
+
+    def lipschitz(self) -> None:  # type: ignore[override]
+        return None
+
+
+def test_a_field_without_a_bound_is_verified_at_points_only() -> None:
+    """It is what misses the narrow Gaussian, and it does well for the wide one."""
+    narrow = (((0.0, 0.0, 0.0123456789),), (4e-4,), (0.7,))
+    assert narrow_ray_through(Unbounded(*narrow), NARROW)[3] == 0.0
+    assert narrow_ray_through(GaussianMixture(*narrow), NARROW)[3] > 0.7
+    wide = (((0.3, 0.1, 0.0),), (0.8,), (1.0,))
+    tf = TransferFunction([ControlPoint(0.2, WHITE, 0.0), ControlPoint(0.9, WHITE, 1.0)])
+    known, unknown = (narrow_ray_through(kind(*wide), tf) for kind in (GaussianMixture, Unbounded))
+    assert known[3] > 0.5
+    assert np.abs(known - unknown).max() <= 2e-6  # the tolerance of either
+
+
+def test_a_peak_between_visible_bands_is_not_missed() -> None:
+    """Extinction 10000 around 0.8, 0.01 elsewhere: the ends of a piece see but the 0.01."""
+    points = [(0.0, 0.01), (0.75, 0.01), (0.8, 10000.0), (0.85, 0.01), (2.0, 0.01)]
+    tf = TransferFunction([ControlPoint(value, WHITE, extinction) for value, extinction in points])
+    centre, width = 0.4123, 1e-3
+    field = GaussianMixture(((0.0, 0.0, 0.0), (0.0, 0.0, centre)), (50.0, width), (0.3, 0.6))
+    rgba = narrow_ray_through(field, tf, tolerance=1e-4)
+    t = centre + np.linspace(-8, 8, 400001) * width
+    values = field.value(np.stack([np.zeros_like(t), np.zeros_like(t), t], axis=-1))
+    extinction = tf.evaluate(values)[1]
+    depth = 0.01 * (5.0 - 16 * width) + extinction.mean() * 16 * width
+    # The mean is off by at most the largest extinction times a spacing or two, 10000 · 4e-8 · 2 = 8e-4.
+    assert depth > 1.0
+    assert abs(rgba[3] + np.expm1(-depth)) <= (1e-3 + 1e-4) * np.exp(-depth) + 1e-4
+
+
+class Liar(LinearRamp):
+    """A ramp with another bound of its slope."""
+
+    bound = 0.0
+
+    def lipschitz(self) -> float:
+        return self.bound
+
+
+@pytest.mark.parametrize("bound", [-1.0, np.nan, np.inf])
+def test_a_bound_that_is_none_is_refused(bound: float) -> None:
+    ramp = Liar((0.0, 0.0, 2.0))
+    object.__setattr__(ramp, "bound", bound)
+    with pytest.raises(InputError, match=r"Liar bounds its slope by .* expected a finite number >= 0"):
+        narrow_ray_through(ramp, NARROW)
+
+
+def test_a_bound_that_the_field_contradicts_is_refused() -> None:
+    ramp = Liar((0.0, 0.0, 2.0))
+    object.__setattr__(ramp, "bound", 1.9)
+    with pytest.raises(
+        InputError, match=r"Liar bounds its slope by 1.9, yet changes by 0.15625 over 0.078125"
+    ):
+        narrow_ray_through(ramp, NARROW)
+    object.__setattr__(ramp, "bound", 2.0)
+    assert narrow_ray_through(ramp, NARROW)[3] > 0.7
+
+
+def test_a_ray_that_stays_beside_an_isosurface_is_refused_and_one_upon_it_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """1e-9 from the isovalue over a length of 5, bound 1: 5 / 2e-9 pieces would be needed."""
+    ramp = LinearRamp((1.0, 0.0, 0.0), 0.5)
+    monkeypatch.setattr(field_reference, "MAX_PIECES", 1 << 14)  # as many would be refused, in less time
+    beside, upon = (TransferFunction([], [Isosurface(value, WHITE, 0.5)]) for value in (0.5 + 1e-9, 0.5))
+    with pytest.raises(CapacityError, match=r"ray 0 runs so close to a visible value of LinearRamp"):
+        narrow_ray_through(ramp, beside, tolerance=1e-10)
+    assert narrow_ray_through(ramp, upon, tolerance=1e-10)[3] == 0.0  # it enters at the isovalue: no crossing
 
 
 class Pole(Field):

@@ -93,6 +93,57 @@ def test_values_and_gradients_follow_the_shape_of_the_points(scene: tuple[Field,
     np.testing.assert_allclose(field.value(points[1, 2, 3]), values[1, 2, 3], rtol=1e-12, atol=1e-15)
 
 
+# a scene with a bound of its slope, and the share of the bound that its steepest point reaches at least
+BOUNDED: list[tuple[Field, float, float, float]] = [
+    (Constant(3.0), 0, 1, 1.0),
+    (LinearRamp((1.0, -2.0, 0.5), 4.0), 0, 1, 1 - 4 * EPSILON),
+    (SphereDistance((5.0, 5.0, 5.0), 0.5), 0, 1, 1 - 8 * EPSILON),
+    # attained on spheres: 20000 points come closer than 0.01 to s = 1, where s exp(−s²/2) loses 1e-4
+    (GaussianMixture(((0, 0, 0),), (0.3,), (-2.0,)), 0, 1, 0.999),
+    (SHELL, 0, 1, 0.999),
+    # attained at lattice points and on planes; cos(0.1) or so beside them
+    (Gyroid(0.7), 0, 1, 0.98),
+    (PlaneWaves(((3, 1, 0),), (-1.5,), (0.3,)), 0, 1, 0.999),
+    # the sines of the two factors do not peak together, the waves and Gaussians not at one place
+    (MarschnerLobb(), 0, 1, 0.95),
+    (WAVES, 0, 1, 0.7),
+    (GaussianMixture(((0, 0, 0), (0.5, 0, 0)), (0.3, 0.6), (1.0, -0.4)), 0, 1, 0.5),
+    (nucleon_like(), 20, 18, 0.1),
+]
+
+
+def check_bound(field: Field, points: np.ndarray, share: float) -> None:
+    """The steepest of `points` is between `share` of the bound and the bound, but for a few roundings."""
+    bound, steepest = field.lipschitz(), np.linalg.norm(field.gradient(points), axis=-1).max()
+    assert bound is not None
+    assert share * bound <= steepest <= bound * (1 + 8 * EPSILON)
+
+
+@pytest.mark.parametrize(
+    ("field", "centre", "half_width", "share"), BOUNDED, ids=lambda scene: str(scene)[:40]
+)
+def test_no_slope_exceeds_its_bound_and_the_bound_is_not_far(
+    field: Field, centre: float, half_width: float, share: float
+) -> None:
+    points = centre + np.random.default_rng(9).uniform(-half_width, half_width, (20000, 3))
+    check_bound(field, points, share)
+
+
+def test_the_bound_check_notices_a_bound_that_is_too_small() -> None:
+    class Wrong(Gyroid):
+        def lipschitz(self) -> float:
+            return 0.99 * super().lipschitz()
+
+    points = np.zeros((1, 3))  # where the bound is attained
+    check_bound(Gyroid(0.7), points, 1 - 8 * EPSILON)
+    with pytest.raises(AssertionError):
+        check_bound(Wrong(0.7), points, 0.5)
+
+
+def test_the_slope_of_an_orbital_has_no_known_bound() -> None:
+    assert HydrogenOrbital(2, 1, 0).lipschitz() is None
+
+
 def test_the_marschner_lobb_signal_has_its_published_values() -> None:
     field = MarschnerLobb(frequency=6.0, alpha=0.25)
     # on the axis r = 0: ρ_r = cos(12π) = 1, so f = (1 − sin(πz/2) + 0.5) / 2.5
