@@ -72,10 +72,10 @@ def test_every_study_passes(gl: moderngl.Context) -> None:
 def test_a_wrong_segment_rule_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     exact = integrate_ray
 
-    def too_short(crossings: Any, entry: Any, leave: Any, plan: Any, *_: Any) -> Any:
-        return exact(crossings[:-1], entry, leave, plan, SegmentRule.LINEAR)
+    def another(crossings: Any, entry: Any, leave: Any, plan: Any, *_: Any) -> Any:
+        return exact(crossings, entry, leave, plan, SegmentRule.CONSTANT_FIRST_ORDER)
 
-    monkeypatch.setattr(exact_crossings, "integrate_ray", too_short)
+    monkeypatch.setattr(exact_crossings, "integrate_ray", another)
     assert not studies.isovalue_study(SegmentRule.LINEAR, quick=True).passed
 
 

@@ -337,10 +337,11 @@ def test_a_brick_without_usable_cells_has_an_empty_surface() -> None:
     assert (surfaces.meshes, surfaces.statistics.brick_visits) == ((), 1)
 
 
-def test_integers_beyond_float64_are_extracted_as_rounded() -> None:
+def test_integers_beyond_float64_are_refused() -> None:
     samples = np.full((3, 3, 3), 2**60, dtype=np.int64)
-    samples[1, 1, 1] += 1  # rounds to its neighbours: no sample lies on another side
-    assert extract_surfaces(Volume(samples), [2.0**60 + 256.0]).meshes == ()
+    samples[1, 1, 1] += 1  # would round to its neighbours
+    with pytest.raises(InputError, match=r"2\^53"):
+        extract_surfaces(Volume(samples), [2.0**60 + 256.0])
 
 
 def test_an_error_of_the_progress_callback_ends_the_extraction() -> None:
