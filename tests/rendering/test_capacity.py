@@ -54,7 +54,7 @@ def composite_of_layers(count: int, opacity: float) -> np.ndarray[tuple[int, ...
 
 @pytest.mark.parametrize(
     ("edge", "count"),
-    [(256, 30), (256, 200), (1024, 30), (1024, 200), (64, 3000)],
+    [(256, 30), (256, 200), (1024, 30), (1024, 200), pytest.param(64, 3000, marks=pytest.mark.slow)],
 )
 def test_full_screen_layers_composite_to_the_analytic_product(
     gl: moderngl.Context, edge: int, count: int
