@@ -140,7 +140,7 @@ def make(
     took["sample"] = time.perf_counter() - start
     tf = transfer_function(subject, volume)
     cache = folder / f"{subject.name}_meshes"
-    bytes_written = precompute(volume, tf, cache, took, progress)
+    extraction = precompute(volume, tf, cache, took, progress)
     start = time.perf_counter()
     scene = load_cache(cache)  # from here on the volume is not needed
     took["load cache"] = time.perf_counter() - start
@@ -155,7 +155,7 @@ def make(
     stats = images[subject.name].stats | {
         "title": subject.title,
         "samples": SAMPLES**3,
-        "cache_bytes": bytes_written,
+        **extraction,
     }
     return stats, paths
 
@@ -189,8 +189,8 @@ def transfer_function(subject: Subject, volume: Volume) -> TransferFunction:
 
 def precompute(
     volume: Volume, tf: TransferFunction, cache: Path, took: dict[str, float], progress: Progress
-) -> int:
-    """Extract what the cache folder lacks and write the scene; return the folder's bytes."""
+) -> dict[str, int]:
+    """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
     from isosample.cli.precompute import folder_bytes
     from isosample.cli.sources import plan_for
     from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
@@ -211,7 +211,13 @@ def precompute(
         name=volume.name,
     )
     took["write cache"] = time.perf_counter() - start
-    return folder_bytes(cache)
+    found = surfaces.statistics
+    return {
+        "levels_reused": found.levels_reused,
+        "brick_visits": found.brick_visits,
+        "brick_visits_skipped": found.brick_visits_skipped,
+        "cache_bytes": folder_bytes(cache),
+    }
 
 
 def pictures(
@@ -284,7 +290,10 @@ FACTS: dict[str, Callable[[dict[str, Any]], str]] = {
     "fragments per pixel: mean": lambda s: f"{s['samples_per_ray']['mean']:.1f}",
     "fragments per pixel: most": lambda s: str(s["max_depth_complexity"]),
     "fragments lost": lambda s: str(s["lost_fragments"]),
-    "skipped: brick visits": lambda s: f"{s['skipped']['brick_visits']} of {s['skipped']['brick_visits_of']}",
+    "skipped: levels already in the cache": lambda s: str(s["levels_reused"]),
+    "skipped: bricks that miss a level": lambda s: (
+        f"{s['brick_visits_skipped']} of {s['brick_visits'] + s['brick_visits_skipped']}"
+    ),
     "skipped: rays ended behind an opaque front": lambda s: thousands(s["skipped"]["rays_ended_early"]),
 }
 
