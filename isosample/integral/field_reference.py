@@ -107,13 +107,12 @@ class _Isolation(NamedTuple):
         return cls(bound, levels, bands.extinction, peak, surfaces, steps, tolerance, agreement)
 
     def mirrored(self) -> _Isolation:
-        """The same for the field times −1."""
+        """The same for the field times −1, but for the steps, which `_above` does not ask for."""
         return self._replace(
             levels=-self.levels[::-1],
             extinction=self.extinction[::-1, ::-1],
             peak=self.peak[::-1, ::-1].T,
             surfaces=self.surfaces[-1] - self.surfaces[::-1],
-            steps=self.steps[-1] - self.steps[::-1],
         )
 
     def hides(self, pieces: _Pieces, floor: F64) -> Bool:

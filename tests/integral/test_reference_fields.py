@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pytest
 
 from isosample.errors import CapacityError, InputError
 from isosample.integral import field_reference
+from isosample.integral.band_table import BandTable
 from isosample.integral.field_reference import integrate_field_rays
 from isosample.integral.reference import integrate_rays
 from isosample.transfer.control_points import ControlPoint, Isosurface
@@ -121,6 +122,7 @@ def test_the_tolerance_is_met(tolerance: float) -> None:
     assert 0 < np.abs(rgba - finer).max() <= tolerance
 
 
+SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 LEVEL = 0.35  # where the transfer function of the narrow Gaussians begins
 EXTINCTION = 3000.0
 NARROW = TransferFunction(
@@ -173,6 +175,72 @@ def test_a_narrow_gaussian_on_a_slope_that_crosses_the_isosurface_is_crossed_too
         field = GaussianMixture(centres, (1.0, 1e-3), (1.0, amplitude))
         rgba = narrow_ray_through(field, surface)
         np.testing.assert_allclose(rgba, np.full(4, 1 - 0.7**4), rtol=0, atol=1e-12)  # opacity only: exact
+
+
+def test_a_narrow_gaussian_on_a_slope_that_crosses_a_step_is_seen() -> None:
+    """Extinction 1 from 0.5 on: depth is length, and the bump before the crossing adds its own."""
+    tf = TransferFunction([ControlPoint(0.5, WHITE, 1.0), ControlPoint(100.0, WHITE, 1.0)])
+    crossing, width = np.sqrt(2 * np.log(2.0)), 1e-3
+    centre = -crossing - 0.0173
+    field = GaussianMixture(((0.0, 0.0, 0.0), (0.0, 0.0, centre)), (1.0, width), (1.0, 0.4))
+    t = centre + np.linspace(-8, 8, 400000) * width
+    bump = (
+        (field.value(np.stack([np.zeros_like(t), np.zeros_like(t), t], axis=-1)) >= 0.5).mean() * 16 * width
+    )
+    assert bump > 1e-3
+    depth = -np.log1p(-narrow_ray_through(field, tf, tolerance=1e-8)[3])
+    # Two ends of the bump are counted to a spacing of 4e-8 each; all ends move by 1e-8 over their slopes > 0.5.
+    assert abs(depth - 2 * crossing - bump) <= 8e-8 + 4 * 1e-8 / 0.5
+
+
+def test_a_bump_that_stays_below_the_peak_of_a_tent_is_found() -> None:
+    """Nothing at the level itself, much above it, and no other level that the bound could reach."""
+    tent = TransferFunction([ControlPoint(LEVEL, WHITE, 0.0), ControlPoint(100.0, WHITE, 1.2e6)])
+    field = GaussianMixture(((0.0, 0.0, 0.0123456789),), (1e-3,), (0.7,))
+    t = 0.0123456789 + np.linspace(-2e-3, 2e-3, 100001)
+    value = field.value(np.stack([np.zeros_like(t), np.zeros_like(t), t], axis=-1))
+    depth = tent.evaluate(value)[1].mean() * 4e-3  # kinks at both ends: about (4e-8)² of slope, negligible
+    assert depth > 1.0
+    # the mean counts both ends of the grid, 1 part in 100000
+    assert abs(narrow_ray_through(field, tent)[3] + np.expm1(-depth)) <= 3e-5 * depth
+
+
+def hidden_one_by_one(tf: TransferFunction, ends: F64, over: float, length: float) -> bool:
+    """What `_Isolation.hides` answers, from the transfer function itself; tolerance 0.5, agreement 0.01."""
+    low, high = min(ends), max(ends)
+    surfaces = [surface.value for surface in tf.isosurfaces]
+    levels = [*(point.value for point in tf.points), *surfaces]
+    for start, stop in ((low - over, low), (high, high + over)):
+        inside = [level for level in levels if start <= level <= stop]
+        seen = [tf.evaluate(np.array([level]), side=side)[1][0] for level in inside for side in SIDES]
+        seen += [tf.evaluate(np.array([end]))[1][0] for end in (start, stop) if inside and end not in ends]
+        if max(seen, default=0.0) * length > 0.5 or (over > 0.01 and set(inside) & set(surfaces)):
+            return True
+    steps = [-0.4, 0.9]
+    most = max(point.extinction for point in tf.points)
+    crossed = any(low < level < high for level in surfaces)
+    crossed |= most * length > 0.5 and any(low < level < high for level in steps)
+    return crossed and over > 0.01
+
+
+def test_what_hides_is_what_the_transfer_function_shows_within_reach() -> None:
+    points = [(-1.0, 0.0), (-0.4, 0.0), (-0.4, 2.0), (0.1, 2.0), (0.3, 9.0), (0.9, 0.5)]
+    tf = TransferFunction(
+        [ControlPoint(value, WHITE, extinction) for value, extinction in points],
+        [Isosurface(0.7, WHITE, 0.2), Isosurface(1.5, WHITE, 0.2)],
+    )
+    bands = BandTable.from_transfer_function(tf)
+    isolation = field_reference._Isolation.build(1.0, bands, 0.5, 0.01)
+    rng, count = np.random.default_rng(3), 3000
+    values = rng.uniform(-2, 2, (count, 1)) + rng.normal(size=(count, 2)) * 0.05
+    length = np.abs(np.diff(values, axis=1))[:, 0] + rng.uniform(0, 0.5, count)
+    over = 0.5 * (length - np.abs(np.diff(values, axis=1))[:, 0])
+    ends = np.stack([np.zeros(count), length], axis=1)
+    pieces = field_reference._Pieces(np.zeros(count, dtype=np.int64), ends, values, values)
+    hidden = isolation.hides(pieces, np.zeros(count))
+    expected = [hidden_one_by_one(tf, values[i], over[i], length[i]) for i in range(count)]
+    np.testing.assert_array_equal(hidden, expected)
+    assert 0.05 < hidden.mean() < 0.95
 
 
 def test_a_narrow_dip_below_an_isosurface_is_crossed_twice() -> None:
