@@ -64,8 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             return _reported(lambda: _run(arguments), debug="--debug" in arguments)
         except BrokenPipeError:
-            with contextlib.suppress(OSError, ValueError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _discard_output()
             return EXIT_BROKEN_PIPE
 
 
@@ -101,6 +100,10 @@ def _reported(run: Callable[[], int], *, debug: bool) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
+        try:
+            sys.stdout.flush()
+        except OSError:  # it is standard output that cannot be written, and Python would flush it once more
+            _discard_output()
         place = f": {error.filename}" if error.filename else ""
         return _fail(f"error: {error.strerror or error}{place}.", EXIT_INPUT, debug=debug)
     except Exception as error:  # noqa: BLE001  # the outermost boundary: a user never sees a traceback unasked
@@ -110,6 +113,12 @@ def _reported(run: Callable[[], int], *, debug: bool) -> int:
             EXIT_INTERNAL,
             debug=debug,
         )
+
+
+def _discard_output() -> None:
+    """Let what is still buffered for standard output go nowhere."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str, status: int, *, debug: bool) -> int:

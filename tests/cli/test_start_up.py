@@ -129,7 +129,10 @@ def test_output_that_nobody_watches_has_no_escape_codes() -> None:
 def on_a_terminal(arguments: str, **environment: str) -> str:
     """Return what a command writes to a terminal."""
     pty = pytest.importorskip("pty")
-    ours, theirs = pty.openpty()
+    try:
+        ours, theirs = pty.openpty()
+    except OSError as error:
+        pytest.skip(f"no pseudo-terminal can be had here: {error}")
     variables = {"PYTHONPATH": str(ROOT), "TERM": "xterm-256color", "COLUMNS": "100", **environment}
     process = subprocess.Popen(
         [sys.executable, "-m", "isosample", *arguments.split()],
