@@ -14,6 +14,7 @@ vec3 ray_direction;                       // unit, of the pixel being resolved
 
 #include "pass/sort_lists.glsl"
 #include "pass/boundary_value.glsl"
+#include "pass/node.glsl"
 #include "pass/walk.glsl"
 #include "pass/span.glsl"
 

@@ -1,34 +1,8 @@
 // One stretch of a ray inside the volume: which band each crossing leads to, with the crossings added up beforehand.
-// Expects pass/walk.glsl, pass/sort_lists.glsl and pass/boundary_value.glsl. Twin: isosample/integral/data_centric.py
-
-bool is_rising(Node node) { return (node.surface & RISING_BIT) != 0u; }
-
-bool is_domain(Node node) { return (node.surface & LEVEL_MASK) == DOMAIN_LEVEL; }
-
-int band_before(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(node) ? 0 : 1); }
-
-int band_after(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(node) ? 1 : 0); }
+// Expects the other files of pass/ that resolve.glsl includes. Twin: isosample/integral/data_centric.py
 
 // End of the current band that is nearer to a level.
 float end_towards(int level) { return level >= walk.band ? 1.0 : 0.0; }
-
-float border_value(Node node) { return uintBitsToFloat(node.normal); }
-
-float border_tolerance(Node node) { return unpackHalf2x16(node.surface >> 16).x; }
-
-// A point of the border of the volume, as a node; `face` is the value there and its tolerance.
-Node border_node(float distance, vec2 face, bool entering) {
-    uint surface = DOMAIN_LEVEL | (entering ? RISING_BIT : 0u) | (packHalf2x16(vec2(face.y, 0.0)) << 16);
-    return Node(LIST_END, distance, surface, floatBitsToUint(face.x));
-}
-
-// True if a value on the border may belong to a band: it lies in it, or beside it by the tolerance at most.
-bool may_be_in(int index, float value, float tolerance) {
-    Band band = bands[clamp(index, 0, frame.level_count)];
-    bool above = index == 0 || value >= band.value_low - tolerance;
-    bool below = index == frame.level_count || value <= band.value_high + tolerance;
-    return above && below;
-}
 
 void enter(Node node) {
     float value = border_value(node);
