@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from isosample.errors import InputError
+from isosample.files import replacing
 from isosample.transfer.control_points import ControlPoint, Isosurface, finite_number
 from isosample.transfer.transfer_function import TransferFunction
 
@@ -89,18 +89,8 @@ def load_transfer_function(path: str | Path) -> TransferFunction:
 def save_transfer_function(transfer_function: TransferFunction, path: str | Path) -> None:
     """Write the JSON file, whole or not at all; an existing file is replaced."""
     text = json.dumps(transfer_function_to_dict(transfer_function), indent=2, allow_nan=False) + "\n"
-    write_atomically(Path(path), text.encode())
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a temporary file beside `path` and move it there, so that no half-written file is ever seen."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(f"{path} cannot be written: {error.strerror}. Check the path.") from error
+    with replacing(Path(path)) as file:
+        file.write(text.encode())
 
 
 def read_json(path: str | Path) -> object:
