@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 F64 = npt.NDArray[np.float64]
 
 BIN_COUNT = 256
+ROUNDING_ULP = 4 * BIN_COUNT  # a narrower range has no room for as many bins in float64
+LABEL_COUNT = 32  # no more bins than this are taken for labels, masks or other lone values
 LAYER_COUNT = 3
 COLORS: tuple[Color, ...] = ((0.05, 0.22, 0.60), (0.80, 0.16, 0.06), (0.95, 0.80, 0.52))  # outer to inner
 OPTICAL_DEPTHS = (0.35, 0.9, 2.5)  # mean over the silhouette of each layer, outer to inner
@@ -44,7 +46,7 @@ def suggest_transfer_function(volume: Volume) -> TransferFunction:
     Raises
     ------
     InputError
-        If all samples are equal, or none is finite.
+        If all samples are equal (but for rounding), or none is finite.
 
     Notes
     -----
@@ -63,29 +65,18 @@ def suggest_transfer_function(volume: Volume) -> TransferFunction:
     from isosample.volume.statistics import histogram
 
     low, high = volume.value_range
-    if low == high:
+    if high - low <= ROUNDING_ULP * np.spacing(max(abs(low), abs(high))):
         raise InputError(
-            f"{volume.name} is constant ({low:g}); no transfer function suggests itself. Give one (--tf)."
+            f"{volume.name} is constant ({low:g}{' but for rounding' if high > low else ''}); "
+            "no transfer function suggests itself. Give one (--tf)."
         )
     counts, edges = histogram(volume, bins=BIN_COUNT)
-    return transfer_function_from_histogram(counts, edges, volume.spacing)
+    return _transfer_function(counts.astype(np.float64), edges, volume)
 
 
-def transfer_function_from_histogram(
-    counts: npt.ArrayLike, edges: npt.ArrayLike, spacing: tuple[float, float, float]
-) -> TransferFunction:
-    """Transfer function for samples with this histogram; see `suggest_transfer_function`.
-
-    Parameters
-    ----------
-    counts : (N,) int
-        Number of samples in each bin, N >= 8.
-    edges : (N + 1,) float64
-        Ascending edges of the bins, in data units, from the smallest to the largest sample.
-    spacing : 3 floats
-        Distance between samples along x, y, z [world].
-    """
-    counts, edges = np.asarray(counts, dtype=np.float64), np.asarray(edges, dtype=np.float64)
+def _transfer_function(counts: F64, edges: F64, volume: Volume) -> TransferFunction:
+    """Three layers for a volume whose samples have this histogram."""
+    counts, edges = _even_bins(counts, edges, volume.value_range)
     start, stop = _foreground(counts)
     centres = _class_borders(np.log1p(counts[start:stop])) + start
     centre_values = np.interp(centres, np.arange(len(edges)), edges)
@@ -94,11 +85,25 @@ def transfer_function_from_histogram(
     points: list[ControlPoint] = []
     for layer, (centre, half_width) in enumerate(zip(centre_values, half_widths, strict=True)):
         span = (centre - half_width, centre + half_width if layer < LAYER_COUNT - 1 else edges[-1])
-        extinction = _layer_extinction(counts, edges, span, OPTICAL_DEPTHS[layer], spacing)
+        extinction = _layer_extinction(counts, edges, span, OPTICAL_DEPTHS[layer], volume.spacing)
         corners = [(span[0], 0.0), (centre, extinction)]
         corners.append((span[1], extinction if layer == LAYER_COUNT - 1 else 0.0))
         points += [ControlPoint(float(value), COLORS[layer], float(tau)) for value, tau in corners]
     return TransferFunction(points)
+
+
+def _even_bins(counts: F64, edges: F64, value_range: tuple[float, float]) -> tuple[F64, F64]:
+    """Count anew in `BIN_COUNT` bins of equal width over the range, so that all kinds of samples are alike.
+
+    A few values are labels and stay where they are; the samples of more bins are spread evenly over each,
+    because the empty bins of a comb would be taken for the end of the surroundings.
+    """
+    even_edges = np.linspace(*value_range, BIN_COUNT + 1)
+    if len(counts) <= LABEL_COUNT:
+        middles = np.clip(0.5 * (edges[:-1] + edges[1:]), *value_range)
+        return np.histogram(middles, even_edges, weights=counts)[0], even_edges
+    cumulative = np.concatenate([[0.0], np.cumsum(counts)])
+    return np.diff(np.interp(even_edges, np.clip(edges, *value_range), cumulative)), even_edges
 
 
 def _foreground(counts: F64) -> tuple[int, int]:
