@@ -52,7 +52,7 @@ def suggest_transfer_function(volume: Volume) -> TransferFunction:
     -----
     Samples about the lowest mode, where it is the highest one, are the surroundings. Above them the layers lie
     at the borders of four classes of values whose variance within classes is least [1]_, with counts
-    replaced by log(1 + count), so that small and large materials both have a say.
+    replaced by their square roots, so that small and large materials both have a say.
 
     A layer of peak extinction τ that holds the volume V and whose silhouette has the area A has the mean
     optical depth ½ τ V / A; A is that of a ball as large as all samples at or above the layer. So τ follows
@@ -78,7 +78,7 @@ def _transfer_function(counts: F64, edges: F64, volume: Volume) -> TransferFunct
     """Three layers for a volume whose samples have this histogram."""
     counts, edges = _even_bins(counts, edges, volume.value_range)
     start, stop = _foreground(counts)
-    centres = _class_borders(np.log1p(counts[start:stop])) + start
+    centres = _class_borders(np.sqrt(counts[start:stop])) + start
     centre_values = np.interp(centres, np.arange(len(edges)), edges)
     gaps = np.diff([edges[start], *centre_values, edges[stop]])
     half_widths = WIDTH_SHARE * np.minimum(gaps[:-1], gaps[1:])
