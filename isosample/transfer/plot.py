@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 BARS, CURVE, TICKS = "#c3cad3", "#303030", "#d06a2c"
 SHADES = 600  # steps in which the colours under the curve are drawn
-EXACT_SRGB = 1.0 / 2.2  # close enough for a plot's fill
+DISPLAY_GAMMA = 1.0 / 2.2  # near enough to sRGB's curve for a plot's fill
 
 
 def plot_histogram(
@@ -65,20 +65,9 @@ def plot_histogram(
     axes.set_xlabel("value")
     axes.set_ylabel("samples")
     axes.set_title(volume.name)
-    if tf is not None:
-        _draw_transfer_function(axes, tf)
+    top_axes = axes if tf is None else _draw_transfer_function(axes, tf)
     if plan is not None and len(plan.isovalues):
-        label = f"{len(plan.isovalues)} isovalues"
-        bottom = axes.get_xaxis_transform()
-        axes.plot(
-            plan.isovalues,
-            np.full(len(plan.isovalues), 0.02),
-            "|",
-            color=TICKS,
-            transform=bottom,
-            label=label,
-        )
-        axes.legend(loc="upper right", framealpha=0.9)
+        _draw_isovalues(top_axes, plan)
     path = Path(path)
     with replacing(path) as file:
         figure.savefig(file, format="png")
@@ -92,8 +81,18 @@ def _limits(edges: F64) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _draw_transfer_function(axes: Any, tf: TransferFunction) -> None:
-    """Draw extinction over value on a second axis, filled with the colours of the values."""
+def _draw_isovalues(axes: Any, plan: IsovaluePlan) -> None:
+    """Draw a tick at every isovalue along the lower edge."""
+    count = len(plan.isovalues)
+    edge = axes.get_xaxis_transform()  # data units along x, shares of the height along y
+    axes.plot(
+        plan.isovalues, np.full(count, 0.02), "|", color=TICKS, transform=edge, label=f"{count} isovalues"
+    )
+    axes.legend(loc="upper right", framealpha=0.9)
+
+
+def _draw_transfer_function(axes: Any, tf: TransferFunction) -> Any:
+    """Draw extinction over value on a second axis, filled with the colours of the values; return the axis."""
     right = axes.twinx()
     low, high = axes.get_xlim()
     # Steps need both limits: each control point is drawn from the left and from the right.
@@ -106,14 +105,15 @@ def _draw_transfer_function(axes: Any, tf: TransferFunction) -> None:
     from_left = sides == "left"
     extinctions = np.where(from_left, left_extinctions, extinctions)
     colors = np.where(from_left[:, None], left_colors, colors)
-    shown = np.clip(colors, 0.0, 1.0) ** EXACT_SRGB
-    for i in range(len(values) - 1):
-        if extinctions[i] > 0 or extinctions[i + 1] > 0:
-            right.fill_between(values[i : i + 2], extinctions[i : i + 2], color=shown[i], alpha=0.75, lw=0)
+    shown = np.clip(colors, 0.0, 1.0) ** DISPLAY_GAMMA
     right.plot(values, extinctions, color=CURVE, lw=1.2)
     impulses = [(surface.value, surface.opacity, surface.color) for surface in tf.isosurfaces]
     top = max(1.1 * float(extinctions.max(initial=0.0)), 1e-12)
+    under = right.fill_between(values, extinctions, facecolor="none")
+    colored = right.pcolormesh(values, [0.0, top], shown[None, :-1], alpha=0.75)
+    colored.set_clip_path(under.get_paths()[0], transform=right.transData)
     for value, opacity, color in impulses:
-        right.plot([value, value], [0, opacity * top], color=np.array(color) ** EXACT_SRGB, lw=2.5)
+        right.plot([value, value], [0, opacity * top], color=np.array(color) ** DISPLAY_GAMMA, lw=2.5)
     right.set_ylim(0.0, top)
     right.set_ylabel("extinction [1/world unit]" + (" · impulses by opacity" if impulses else ""))
+    return right
