@@ -63,6 +63,49 @@ def test_a_constant_volume_has_no_suggestion() -> None:
         TransferFunction.suggest(Volume(np.full((4, 4, 4), 3.0)))
 
 
+def test_a_volume_that_is_constant_but_for_rounding_has_no_suggestion() -> None:
+    samples = np.full((4, 4, 4), 3.0)
+    samples[1, 2, 3] = np.nextafter(3.0, 4.0)
+    with pytest.raises(InputError, match="3 but for rounding"):
+        TransferFunction.suggest(Volume(samples))
+
+
+@pytest.mark.parametrize("label_count", [2, 3, 6, 9, 15, 16, 40])
+def test_masks_and_labels_show_their_borders_but_not_their_surroundings(label_count: int) -> None:
+    # shells of one label each around the highest; most samples are surroundings of label 0
+    x = np.abs(np.mgrid[-1:1:41j, -1:1:41j, -1:1:41j]).max(axis=0)
+    labels = np.clip(np.floor((1 - x) * 2 * label_count) - 1, 0, label_count - 1).astype(np.uint8)
+    tf = TransferFunction.suggest(Volume(labels))
+    assert float(tf.evaluate(0.0)[1]) == 0.0
+    assert float(tf.evaluate(label_count - 1.0)[1]) > 0.0
+    _, between = tf.evaluate(np.linspace(0.0, label_count - 1.0, 200))
+    assert np.count_nonzero(np.diff((between > 0).astype(int)) == 1) == 3  # separate layers
+
+
+def test_a_label_next_to_the_surroundings_is_visible_where_labels_are_skipped() -> None:
+    labels = np.zeros((8, 8, 8), dtype=np.uint8)
+    labels[2:6, 2:6, 2:6] = 1
+    labels[3:5, 3:5, 3:5] = 3
+    extinction_outside, extinction_inside = (
+        TransferFunction.suggest(Volume(labels)).evaluate(values)[1]
+        for values in (np.linspace(0.0, 1.0, 100), np.linspace(1.0, 3.0, 100))
+    )
+    assert np.any(extinction_outside > 0)
+    assert np.any(extinction_inside > 0)
+
+
+def test_samples_in_16_bits_get_the_layers_of_the_same_samples_in_8() -> None:
+    coarse = np.clip(two_materials().array.astype(np.float64) / 5.0, 0, 255).astype(np.uint8)
+    # 20 values for each: a finer histogram (4000 bins at most) of the same shape
+    fine = coarse.astype(np.uint16) * 20 + np.random.default_rng(9).integers(0, 20, coarse.shape, np.uint16)
+    values_8, values_16 = (
+        np.array([point.value for point in TransferFunction.suggest(Volume(samples)).points])
+        for samples in (coarse, fine)
+    )
+    bin_width = 20.0 * float(coarse.max()) / 256
+    assert np.abs(values_16 - (20.0 * values_8 + 9.5)).max() < 2 * bin_width
+
+
 @pytest.mark.gl
 @pytest.mark.volumes
 @pytest.mark.parametrize(("name", "reading"), SCANS, ids=[name for name, _ in SCANS])
