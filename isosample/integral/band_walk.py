@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.compiled import compiled
 from isosample.integral.cell_cubic import cubic_extrema, cubic_part, cubic_root, cubic_value
-from isosample.integral.compiled import compiled
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics

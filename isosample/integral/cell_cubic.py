@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from isosample.integral.compiled import compiled
+from isosample.compiled import compiled
 
 if TYPE_CHECKING:
     import numpy as np

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from isosample.compiled import compiled
 from isosample.integral.band_walk import band_above, band_below
-from isosample.integral.compiled import compiled
 
 if TYPE_CHECKING:
     from typing import Any

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.compiled import compiled
 from isosample.integral.band_walk import (
     OPAQUE,
     PANELS,
@@ -20,7 +21,6 @@ from isosample.integral.band_walk import (
 )
 from isosample.integral.cell_cubic import cubic_between
 from isosample.integral.cell_grid import BLOCK_CELLS
-from isosample.integral.compiled import compiled
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics

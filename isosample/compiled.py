@@ -36,10 +36,10 @@ def kernel_cache() -> Path:
     """Folder of the machine code, one per state of the sources.
 
     Numba checks a cached function against its own file alone, and an index that names a class which another file
-    no longer has cannot even be read. A folder per state of all kernels has neither fault.
+    no longer has cannot even be read. A folder per state of the package has neither fault.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
     base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return base / "isosample" / "kernels" / digest.hexdigest()[:16]
