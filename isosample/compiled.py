@@ -36,10 +36,13 @@ def kernel_cache() -> Path:
     """Folder of the machine code, one per state of the sources.
 
     Numba checks a cached function against its own file alone, and an index that names a class which another file
-    no longer has cannot even be read. A folder per state of the package has neither fault.
+    no longer has cannot even be read. A folder per state of all files with kernels has neither fault.
     """
     digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(source.read_bytes())
+    package = Path(__file__).parent
+    for source in sorted(package.rglob("*.py")):
+        text = source.read_bytes()
+        if source.parent.name == "integral" or b"compiled" in text:
+            digest.update(text)
     base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
     return base / "isosample" / "kernels" / digest.hexdigest()[:16]
