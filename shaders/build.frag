@@ -5,26 +5,47 @@
 #ifndef SHADING
 #error "SHADING: 1 stores the unit normal, 0 leaves it out"
 #endif
+#ifndef CURVED
+#error "CURVED: 1 moves the crossing onto the curved surface, 0 leaves it on the triangle"
+#endif
+#ifndef RESIDUAL
+#error "RESIDUAL: 1 stores the mesh's error in place of the normal, 0 does not"
+#endif
 
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"
 #include "lib/octahedral.glsl"
+#include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
 
 uniform uint level;
 
 in float depth_view;
 in vec3 gradient_local;
+#if CURVED
+in vec3 position_local;
+in float moment;
+#endif
+#if RESIDUAL
+in float residual_value;
+#endif
 
 void main() {
     vec3 ray = pixel_ray();
     float scale = length(ray);
-    float slope = abs(dot(gradient_local, ray)) / scale;
-    uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(slope, 0.0)) << 16);
-#if SHADING
+    float along = dot(gradient_local, ray) / scale;
+    float distance = depth_view * scale;
+#if CURVED
+    float error = curved_error(gradient_local, position_local, moment);
+    distance += curved_shift(error, along, length(gradient_local), frame.curved_limit);
+#endif
+    uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(abs(along), 0.0)) << 16);
+#if RESIDUAL
+    uint normal = floatBitsToUint(residual_value);
+#elif SHADING
     uint normal = pack_normal(gradient_local / max(length(gradient_local), 1e-30));
 #else
     uint normal = 0u;
 #endif
-    append_node(depth_view * scale, surface, normal);
+    append_node(distance, surface, normal);
 }

@@ -5,7 +5,7 @@
 #error "SORT_CAPACITY: longest list that is sorted in a local array"
 #endif
 #ifndef SEGMENT_RULE
-#error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear"
+#error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"
 #endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours with the stored normals, 0 does not"
@@ -13,7 +13,9 @@
 
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"
+#include "lib/spline.glsl"
 #include "lib/optics.glsl"
+#include "lib/segment.glsl"
 #include "lib/bands.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/shading.glsl"

@@ -36,7 +36,12 @@ F32 = npt.NDArray[np.float32]
 
 QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
 WORK_GROUP = 8  # local size of the compute shaders
-SEGMENT_RULES = {SegmentRule.CONSTANT: 0, SegmentRule.CONSTANT_FIRST_ORDER: 1, SegmentRule.LINEAR: 2}
+SEGMENT_RULES = {
+    SegmentRule.CONSTANT: 0,
+    SegmentRule.CONSTANT_FIRST_ORDER: 1,
+    SegmentRule.LINEAR: 2,
+    SegmentRule.CUBIC: 3,
+}
 LONGEST_LIST = 10_000  # about 6 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -57,6 +62,8 @@ class FrameStatistics:
         between.
     reordered_fragments : int
         Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
+    unrepaired_pixels : int
+        Pixels with a lost crossing whose place nothing tells: it was put in by a guess.
     saturated_segments : int
         Segments whose first-order opacity was above 1 and was taken as 1.
     terminated_rays : int
@@ -72,6 +79,7 @@ class FrameStatistics:
     max_depth_complexity: int = 0
     band_violations: int = 0
     reordered_fragments: int = 0
+    unrepaired_pixels: int = 0
     saturated_segments: int = 0
     terminated_rays: int = 0
     tiles: int = 0
@@ -85,6 +93,8 @@ class _Frame:
     block: npt.NDArray[np.void]
     settings: RenderSettings
     sides: tuple[float, ...]
+    curved: bool
+    residuals: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
 
     @property
@@ -210,6 +220,7 @@ class ABuffer:
         width, height = check_size(size)
         self._make_targets(width, height)
         frame = self._frame(camera, (width, height), settings)
+        frame.residuals = True
         tile = Tile(0, 0, width, height)
         measured = self._measure(tile, frame)
         if not self._pool.grow(measured, settings.fragment_budget_bytes):
@@ -257,18 +268,25 @@ class ABuffer:
         with self.timer.stage("build"):
             self._pool.clear_lists(tile)
             self._bind(tile, frame)
-            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, SHADING=frame.shading)
+            constants = {
+                "SHADING": frame.shading,
+                "CURVED": int(frame.curved),
+                "RESIDUAL": int(frame.residuals),
+            }
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, **constants)
             self._ctx.memory_barrier()
             return self._pool.counters(), rasterised
 
     def _draw(self, fragment: str, mask_fragment: str, tile: Tile, frame: _Frame, **constants: int) -> int:
         """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
         assert self._rasteriser is not None
-        program = self._programs.graphics("build.vert", fragment, **constants)
+        program = self._programs.graphics(
+            "build.vert", fragment, **({"CURVED": 0, "RESIDUAL": 0} | constants)
+        )
         masked = self._device.has_mask
         mask_program = self._programs.graphics("build_mask.vert", mask_fragment) if masked else None
         with self._query:
-            self._device.draw(program, mask_program, self._rasteriser, tile, frame.sides)
+            self._device.draw(program, mask_program, self._rasteriser, tile, frame.sides, curved=frame.curved)
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
@@ -341,6 +359,7 @@ class ABuffer:
         )
         statistics.band_violations += int(counters["band_violations"])
         statistics.reordered_fragments += int(counters["reordered_fragments"])
+        statistics.unrepaired_pixels += int(counters["unrepaired_pixels"])
         statistics.saturated_segments += int(counters["saturated_segments"])
         statistics.terminated_rays += int(counters["terminated_rays"])
 
@@ -348,7 +367,10 @@ class ABuffer:
 
     def _frame(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> _Frame:
         block = frame_block(self._scene, camera, size, settings)
-        return _Frame(block=block, settings=settings, sides=self._sides(camera, size[0] / size[1]))
+        curved = self._scene.smooth if settings.curved is None else settings.curved
+        return _Frame(
+            block=block, settings=settings, sides=self._sides(camera, size[0] / size[1]), curved=curved
+        )
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

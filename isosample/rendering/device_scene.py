@@ -1,4 +1,4 @@
-"""A scene on the GPU: meshes, bands, impulses and boundary, uploaded once and drawn by every pass."""
+"""A scene on the GPU: meshes, bands, levels and boundary, uploaded once and drawn by every pass."""
 
 from __future__ import annotations
 
@@ -43,15 +43,17 @@ class DeviceScene:
         self._ctx = ctx
         self._levels = scene.levels
         self._vertices = ctx.buffer(_at_least_one(scene.vertices))
+        self._residuals = scene.residuals
+        self._residual_buffers: dict[int, moderngl.Buffer] = {}
         self._indices = ctx.buffer(_at_least_one(scene.indices))
         self._mask = None if scene.mask is None else ctx.buffer(_at_least_one(scene.mask))
         self._mask_count = 0 if scene.mask is None else len(scene.mask)
         self._tables = {
             "Bands": ctx.buffer(_band_table(scene)),
-            "Impulses": ctx.buffer(_at_least_one(scene.impulses)),
+            "Levels": ctx.buffer(_at_least_one(scene.level_optics)),
             "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
         }
-        self._vertex_arrays: dict[int, moderngl.VertexArray] = {}
+        self._vertex_arrays: dict[tuple[int, bool], moderngl.VertexArray] = {}
 
     def bind(self) -> None:
         """Bind the tables that the resolve pass reads."""
@@ -70,6 +72,8 @@ class DeviceScene:
         target: moderngl.Framebuffer,
         tile: Tile,
         sides: Sequence[float],
+        *,
+        curved: bool = False,
     ) -> None:
         """Rasterise every level, and the border of the valid cells, within a tile of a framebuffer.
 
@@ -84,19 +88,21 @@ class DeviceScene:
         tile : Tile
         sides : sequence of float
             +1 for what is in front of the eye, −1 for what is behind it.
+        curved : bool
+            Which residuals a program gets that reads them: of the curved triangles, or of the flat ones.
         """
         target.scissor = (tile.x, tile.y, tile.width, tile.height)
         with drawing_into(self._ctx, target):
             for side in sides:
-                self._draw_levels(program, side)
+                self._draw_levels(program, side, curved)
                 if self._mask is not None and mask_program is not None:
                     mask_program["side"] = side
                     self._mask_vertex_array(mask_program).render(vertices=6, instances=self._mask_count)
 
-    def _draw_levels(self, program: moderngl.Program, side: float) -> None:
+    def _draw_levels(self, program: moderngl.Program, side: float, curved: bool) -> None:
         if not self._levels:
             return
-        vertex_array = self._vertex_array(program)
+        vertex_array = self._vertex_array(program, curved)
         program["side"] = side
         for levels in self._levels:
             if "level" in program:
@@ -107,22 +113,31 @@ class DeviceScene:
         """Free every buffer."""
         for vertex_array in self._vertex_arrays.values():
             vertex_array.release()
-        for buffer in (self._vertices, self._indices, self._mask, *self._tables.values()):
+        buffers = (*self._tables.values(), *self._residual_buffers.values())
+        for buffer in (self._vertices, self._indices, self._mask, *buffers):
             if buffer is not None:
                 buffer.release()
-        self._vertex_arrays, self._tables = {}, {}
+        self._vertex_arrays, self._tables, self._residual_buffers = {}, {}, {}
 
-    def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        key = id(program)
+    def _vertex_array(self, program: moderngl.Program, curved: bool) -> moderngl.VertexArray:
+        key = (id(program), curved and "residual" in program)
         if key not in self._vertex_arrays:
             layout = ("3f 3f", "position", "gradient") if "gradient" in program else ("3f 3x4", "position")
-            self._vertex_arrays[key] = self._ctx.vertex_array(
-                program, [(self._vertices, *layout)], index_buffer=self._indices
-            )
+            content: list[tuple[object, ...]] = [(self._vertices, *layout)]
+            if "residual" in program:
+                content.append((self._residual_buffer(int(curved)), "1f", "residual"))
+            self._vertex_arrays[key] = self._ctx.vertex_array(program, content, index_buffer=self._indices)
         return self._vertex_arrays[key]
 
+    def _residual_buffer(self, column: int) -> moderngl.Buffer:
+        """One column of the residuals on the GPU, uploaded when it is first asked for."""
+        if column not in self._residual_buffers:
+            values = np.ascontiguousarray(self._residuals[:, column])
+            self._residual_buffers[column] = self._ctx.buffer(_at_least_one(values))
+        return self._residual_buffers[column]
+
     def _mask_vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        key = id(program)
+        key = (id(program), False)
         if key not in self._vertex_arrays:
             named = {"start": "3f", "face": "1i", "values": "4f"}
             used = [name for name in named if name in program]
@@ -133,9 +148,9 @@ class DeviceScene:
 
 def _check_tables(scene: Scene, block_bytes: int, renderer: str) -> None:
     level_limit = shared_constants()["MAX_LEVELS"] - 1
-    if len(scene.impulses) > level_limit:
+    if len(scene.level_optics) > level_limit:
         raise CapacityError(
-            f"{len(scene.impulses)} isovalues are more than {level_limit}; use fewer per slope."
+            f"{len(scene.level_optics)} isovalues are more than {level_limit}; use fewer per slope."
         )
     if scene.boundary.nbytes > block_bytes:
         raise CapacityError(

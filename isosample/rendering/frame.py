@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 LAYOUTS = "lib/layouts.glsl"
 FARTHEST_EYE = 1e4  # radii of the box: distances are then rounded to 1e4 · 2^-24 radii, a fraction of a cell
 
+CURVED_LIMIT = 0.5 / 3.0**0.5  # of a cell's diagonal: half an edge of a cube
+
 
 @cache
 def shared_constants() -> dict[str, int]:
@@ -85,7 +87,11 @@ def frame_block(
     frame["image_size"] = (width, height)
     frame["samples_xy"] = scene.geometry.size_xyz[:2]
     frame["samples_z"] = scene.geometry.size_xyz[2]
-    frame["level_count"] = len(scene.impulses)
+    frame["level_count"] = len(scene.level_optics)
+    diagonal = float(np.linalg.norm(scene.geometry.spacing))
+    frame["reach"], frame["curved_limit"] = diagonal, CURVED_LIMIT * diagonal
+    if scene.face_kernel is not None:
+        frame["smooth_faces"], frame["face_kernel"] = 1, scene.face_kernel
     frame["box_faces"] = int(scene.mask is None)
     frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
     return block

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 MESH_ATTRIBUTES = {
     "position": "vec3",
     "gradient": "vec3",
+    "residual": "float",
     "start": "vec3",
     "face": "int",
     "values": "vec4",
@@ -66,7 +67,7 @@ class Programs:
 def storage_bindings() -> dict[str, int]:
     """Binding of every storage block by its name in the shaders."""
     names = {"Heads": "HEADS", "Nodes": "NODES", "CounterBlock": "COUNTERS", "Bands": "BANDS"}
-    names |= {"Impulses": "IMPULSES", "Boundary": "BOUNDARY"}
+    names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY"}
     return {block: shared_constants()[f"BINDING_{name}"] for block, name in names.items()}
 
 

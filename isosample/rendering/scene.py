@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, InputError
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from isosample.surfaces.extract import SurfaceSet
@@ -78,9 +79,16 @@ class Scene:
         Faces of the border of the valid cells; None where every sample is finite and the box is the border.
     band_values : (K + 1, 2) float32, band_optics : (K + 1, 2, 4) float32
         Ends of every band (normalised) and the colour and extinction there (straight linear RGB, [1/world]).
-    impulses : (K, 4) float32
-        Straight linear RGB and opacity per level; opacity 0 for none.
+    level_optics : (K, 2, 4) float32
+        Per level the impulse (straight linear RGB, opacity) and the sheet (straight linear RGB, area in
+        extinction times normalised value); 0 for none.
+    residuals : (V, 2) float32
+        How far the field is from the isovalue near every vertex [normalised], on the flat and on the curved
+        triangles.
+    face_kernel : (4, 4) float32 or None
+        Weights of the taps where `boundary` holds spline coefficients; see `GridSpline`.
     plan : IsovaluePlan
+    reconstruction : Reconstruction
     """
 
     geometry: GridGeometry
@@ -91,8 +99,16 @@ class Scene:
     mask: npt.NDArray[np.void] | None
     band_values: F32
     band_optics: F32
-    impulses: F32
+    level_optics: F32
+    residuals: F32
+    face_kernel: F32 | None
     plan: IsovaluePlan
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the surfaces are those of a smooth reconstruction."""
+        return self.reconstruction.smooth
 
     @property
     def triangle_count(self) -> int:
@@ -132,10 +148,11 @@ class Scene:
             mask=mask,
             band_values=_band_values(plan, scale),
             band_optics=optics.astype(np.float32),
-            impulses=np.concatenate([plan.impulse_color, plan.impulse_opacity[:, None]], axis=-1).astype(
-                np.float32
-            ),
+            level_optics=_level_optics(plan, scale),
+            residuals=_residuals(chosen, scale),
+            face_kernel=None if getattr(border, "kernel", None) is None else border.kernel.astype(np.float32),
             plan=plan,
+            reconstruction=getattr(surfaces.settings, "reconstruction", Reconstruction.TRILINEAR),
         )
 
 
@@ -175,6 +192,25 @@ def _band_values(plan: IsovaluePlan, scale: ValueScale) -> F32:
     levels = scale.normalise(plan.isovalues).astype(np.float32)
     low, high = scale.normalise(np.asarray(plan.value_range)).astype(np.float32)
     return np.stack([np.concatenate([[low], levels]), np.concatenate([levels, [high]])], axis=-1)
+
+
+def _level_optics(plan: IsovaluePlan, scale: ValueScale) -> F32:
+    """(K, 2, 4) float32, impulse and sheet of every level."""
+    impulses = np.concatenate([plan.impulse_color, plan.impulse_opacity[:, None]], axis=-1)
+    areas = plan.sheet_area[:, None] * scale.inverse_width
+    sheets = np.concatenate([plan.sheet_color, areas], axis=-1)
+    return np.stack([impulses, sheets], axis=1).astype(np.float32)
+
+
+def _residuals(by_level: list[list[BrickMesh]], scale: ValueScale) -> F32:
+    """(V, 2) float32, normalised, in the order of the vertices."""
+    parts = [
+        getattr(mesh, "residuals", np.zeros((len(mesh.positions), 2), np.float32))
+        for meshes in by_level
+        for mesh in meshes
+    ]
+    found: F32 = np.concatenate([np.zeros((0, 2), dtype=np.float32), *parts])
+    return found * np.float32(scale.inverse_width)
 
 
 def _mask_records(faces: MaskFaces, scale: ValueScale) -> npt.NDArray[np.void]:

@@ -77,6 +77,9 @@ class RenderSettings:
     Attributes
     ----------
     segment : SegmentRule
+    curved : bool or None
+        Whether every crossing is moved from its triangle onto the curved surface through the vertices; None:
+        if the surfaces are those of a smooth reconstruction.
     material : Material or None
         None: colours as they are; else lit.
     background : 4 floats
@@ -98,7 +101,8 @@ class RenderSettings:
         If a number is out of range.
     """
 
-    segment: SegmentRule = SegmentRule.LINEAR
+    segment: SegmentRule = SegmentRule.CUBIC
+    curved: bool | None = None
     material: Material | None = None
     background: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     clip_planes: tuple[ClipPlane, ...] = ()

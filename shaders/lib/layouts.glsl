@@ -10,8 +10,8 @@ const int BINDING_HEADS = 0;             // storage: one list head per pixel of 
 const int BINDING_NODES = 1;             // storage: the fragment pool
 const int BINDING_COUNTERS = 2;          // storage: struct Counters
 const int BINDING_BANDS = 3;             // storage: struct Band, one more than there are levels
-const int BINDING_IMPULSES = 4;          // storage: one vec4 per level, straight linear RGB and opacity
-const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised samples
+const int BINDING_LEVELS = 4;            // storage: struct Level, one per level
+const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised samples, or of spline coefficients
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
 
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
@@ -38,6 +38,7 @@ struct Counters {
     uint max_depth_complexity;           // longest list
     uint band_violations;                // fragments that do not continue the walk of a ray that is not balanced
     uint reordered_fragments;            // fragments of balanced rays that do not stand in the order of the levels
+    uint unrepaired_pixels;              // rays with a lost crossing whose place nothing tells
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
 };
@@ -50,6 +51,12 @@ struct Band {
     float value_high;                    // normalised
     float extinction_max;                // larger of the two ends [1/world]; 0: nothing to see in this band
     float inverse_width;                 // 1 / (value_high - value_low), or 0 for an empty band
+};
+
+// What a ray meets at an isovalue itself.
+struct Level {
+    vec4 impulse;                        // straight linear RGB and opacity of one crossing
+    vec4 sheet;                          // straight linear RGB and area of a thin peak: its extinction times normalised value
 };
 
 // Camera, box and settings of one frame (std140).
@@ -67,6 +74,7 @@ struct Frame {
     vec4 step_z;
     vec4 background;     // premultiplied linear RGBA
     vec4 material;       // ambient, diffuse, specular, shininess
+    vec4 face_kernel[4];                 // of smooth faces: weight of each of 4 taps, a cubic of the fraction
     vec4 clip_planes[MAX_CLIP_PLANES];   // keep where dot(plane.xyz, local) + plane.w >= 0
     ivec2 image_size;    // pixels
     ivec2 tile_origin;   // first pixel of the tile, x to the right and y up
@@ -79,4 +87,7 @@ struct Frame {
     float min_transmittance; // a ray stops below this
     uint sorted_length;      // lists longer than this are sorted already
     int box_faces;           // 1: rays enter and leave through the box; 0: through domain fragments in the lists
+    int smooth_faces;        // 1: the faces hold spline coefficients, one more on every side
+    float curved_limit;      // largest way from a triangle to the curved surface [world]
+    float reach;             // diagonal of a cell [world]: how far apart crossings of one place may lie in the wrong order
 };

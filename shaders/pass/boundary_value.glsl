@@ -11,24 +11,39 @@ vec2 box_of_ray(vec3 origin) {
     return box_interval(unit_from_local(origin, 1.0), unit_from_local(ray_direction, 0.0));
 }
 
+// Coefficients around a cell of a smooth face, whose rows are two longer than the samples.
+mat4 face_taps(int corner, int row) {
+    mat4 taps;
+    for (int j = 0; j < 4; ++j)
+        for (int i = 0; i < 4; ++i) taps[j][i] = boundary[corner + j * row + i];
+    return taps;
+}
+
 // Normalised value on the face where the ray is at `distance`, and how far it may lie on the wrong side of an isovalue:
 // see face_tolerance in lib/ray.glsl. Faces are stored as x low, x high, y low, ...; a face of
 // axis a is indexed by the other two axes, the lower one fastest.
 vec2 face_value(vec3 origin, float distance) {
     vec3 unit = clamp(unit_from_local(origin + distance * ray_direction, 1.0), 0.0, 1.0);
     ivec3 samples = ivec3(frame.samples_xy, frame.samples_z);
+    ivec3 stored = samples + 2 * frame.smooth_faces;
     int face = nearest_face(unit);
     int axis = face / 2;
-    ivec3 face_sizes = ivec3(samples.y * samples.z, samples.x * samples.z, samples.x * samples.y);
+    ivec3 face_sizes = ivec3(stored.y * stored.z, stored.x * stored.z, stored.x * stored.y);
     int offset = (axis > 0 ? 2 * face_sizes.x : 0) + (axis > 1 ? 2 * face_sizes.y : 0) + (face % 2) * face_sizes[axis];
     int axis_u = axis == 0 ? 1 : 0;
     int axis_v = axis == 2 ? 1 : 2;
     vec2 position = vec2(unit[axis_u], unit[axis_v]) * vec2(samples[axis_u] - 1, samples[axis_v] - 1);
     ivec2 cell = min(ivec2(position), ivec2(samples[axis_u], samples[axis_v]) - 2);
     vec2 part = position - vec2(cell);
-    int corner = offset + cell.y * samples[axis_u] + cell.x;
-    int above = corner + samples[axis_u];
-    vec4 corners = vec4(boundary[corner], boundary[corner + 1], boundary[above], boundary[above + 1]);
+    int row = stored[axis_u];
+    int corner = offset + cell.y * row + cell.x;
+    if (frame.smooth_faces != 0) {
+        mat4 taps = face_taps(corner, row);
+        mat4 kernel = mat4(frame.face_kernel[0], frame.face_kernel[1], frame.face_kernel[2], frame.face_kernel[3]);
+        return vec2(spline_face_value(taps, tap_weights(kernel, part.x), tap_weights(kernel, part.y)),
+                    spline_face_tolerance(taps));
+    }
+    vec4 corners = vec4(boundary[corner], boundary[corner + 1], boundary[corner + row], boundary[corner + row + 1]);
     return vec2(bilinear(corners, part.x, part.y), face_tolerance(corners));
 }
 

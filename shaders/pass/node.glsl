@@ -8,6 +8,9 @@ int band_before(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(
 
 int band_after(Node node) { return int(node.surface & LEVEL_MASK) + (is_rising(node) ? 1 : 0); }
 
+// |df/dt| of the normalised value [1/world]; < 0 where the node has none.
+float node_slope(Node node) { return is_domain(node) ? -1.0 : unpackHalf2x16(node.surface >> 16).x / frame.box_radius; }
+
 float border_value(Node node) { return uintBitsToFloat(node.normal); }
 
 float border_tolerance(Node node) { return unpackHalf2x16(node.surface >> 16).x; }

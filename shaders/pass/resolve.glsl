@@ -1,13 +1,13 @@
 // Resolve pass: sorts a pixel's list, walks it through the bands and integrates the VRI over the segments, front to back.
 // Expects the constants SORT_CAPACITY, SEGMENT_RULE and SHADING of the entry file.
-// Source: Lindholm et al., Algorithm 1 and eqs. 2-3. Twin: isosample/integral/data_centric.py
+// Source: Lindholm et al., Algorithm 1 and eqs. 2-3; see lib/segment.glsl. Twin: isosample/integral/data_centric.py
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
 layout(std430, binding = BINDING_NODES) buffer Nodes { Node nodes[]; };
 layout(std430, binding = BINDING_COUNTERS) buffer CounterBlock { Counters counters; };
 layout(std430, binding = BINDING_BANDS) readonly buffer Bands { Band bands[]; };
-layout(std430, binding = BINDING_IMPULSES) readonly buffer Impulses { vec4 impulses[]; };
+layout(std430, binding = BINDING_LEVELS) readonly buffer Levels { Level levels[]; };
 layout(std430, binding = BINDING_BOUNDARY) readonly buffer Boundary { float boundary[]; };
 
 vec3 ray_direction;                       // unit, of the pixel being resolved
@@ -36,7 +36,7 @@ vec4 resolve_pixel(ivec2 pixel) {
     vec3 offset = plane.x * frame.span_right + plane.y * frame.span_up;
     ray_direction = normalize(frame.forward + frame.perspective * offset);
     vec3 origin = frame.eye + (1.0 - frame.perspective) * offset;
-    walk = Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, 0, false, false, false, 0u, 0u, 0u, 0u);
+    walk = fresh_walk();
     cut_ray(origin);
 
     ivec2 in_tile = pixel - frame.tile_origin;
@@ -62,6 +62,7 @@ vec4 resolve_pixel(ivec2 pixel) {
     }
     if (walk.violations > 0u) atomicAdd(counters.band_violations, walk.violations);
     if (walk.reordered > 0u) atomicAdd(counters.reordered_fragments, walk.reordered);
+    if (walk.unplaced > 0u) atomicAdd(counters.unrepaired_pixels, 1u);
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);
     return vec4(walk.radiance, 1.0 - walk.transmittance) + walk.transmittance * frame.background;
 }

@@ -1,5 +1,9 @@
-// The state of one ray between two crossings, and what a segment and an impulse add to it. Expects the buffers `bands` and
-// `impulses`, `frame`, `ray_direction`, and the constants SEGMENT_RULE and SHADING. Twin: isosample/integral/data_centric.py
+// The state of one ray between two crossings, and what a segment, a sheet and an impulse add to it. Expects the buffers
+// `bands` and `levels`, `frame`, `ray_direction`, and the constants SEGMENT_RULE and SHADING.
+// Twin: isosample/integral/data_centric.py
+
+const float UNKNOWN_SLOPE = 3e38;
+const float LEAST_SLOPE = 1e-6;           // of a sheet: |df/dt| times the box radius
 
 struct Walk {
     vec3 radiance;                        // premultiplied, in front of the current position
@@ -7,15 +11,21 @@ struct Walk {
     float visible_start, visible_end;     // the part of the ray that is not cut away [world]
     float distance;                       // front end of the current segment [world]
     float position;                       // and the value there as a position in its band: 0 lower end, 1 upper end
+    float slope;                          // and df/dt there [normalised / world], or UNKNOWN_SLOPE
     int band;                             // band of the segment; in a balanced span it may leave 0 ... level_count
     bool inside;                          // inside the volume (or the valid cells)
     bool balanced;                        // the crossings of this span add up, see weigh_span
     bool leave_by_value;                  // the exit's value, not the surfaces, tells in which band the ray leaves
+    int debt;                             // falling less rising crossings that were passed over, see passes_over
     uint normal;                          // packed normal at the front end; 0: none
-    uint violations, reordered, saturated;
+    uint violations, reordered, unplaced, saturated;
 };
 
 Walk walk;
+
+Walk fresh_walk() {
+    return Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, UNKNOWN_SLOPE, 0, false, false, false, 0, 0u, 0u, 0u, 0u, 0u);
+}
 
 // Normal at a part of the way between two crossings, so that the light does not jump where a cut passes a crossing; that
 // of the other end where the box has none (0). Zero where both have none, or where the two cancel.
@@ -45,43 +55,80 @@ void composite(vec3 premultiplied, float opacity) {
 
 Band current_band() { return bands[clamp(walk.band, 0, frame.level_count)]; }
 
-// Composites the segment up to `distance`, where the value is at `position` of the current band, and moves there.
-void advance(float distance, float position, uint normal) {
+// Extinction and colour at the front of the segment hold up to its end.
+void composite_constant(Band band, float length, vec3 front_normal) {
+    vec4 front = mix(band.low, band.high, walk.position);
+    float depth = front.a * length;
+#if SEGMENT_RULE == 1
+    if (depth > 1.0) ++walk.saturated;
+    float opacity = min(depth, 1.0);
+#else
+    float opacity = opacity_from_depth(depth);
+#endif
+    composite(opacity * lit(front.rgb, front_normal), opacity);
+}
+
+// Extinction and colour run linearly; `part` is the visible part of the segment.
+void composite_linear(Band band, float position, vec2 part, float length, uint normal) {
+    vec4 front = mix(band.low, band.high, mix(walk.position, position, part.x));
+    vec4 back = mix(band.low, band.high, mix(walk.position, position, part.y));
+    vec2 weights = segment_weights(front.a * length, back.a * length);
+    composite(weights.x * lit(front.rgb, normal_between(walk.normal, normal, part.x))
+              + weights.y * lit(back.rgb, normal_between(walk.normal, normal, part.y)), weights.x + weights.y);
+}
+
+// The value runs along a cubic, with the slope of the chord where an end has none; the light runs linearly from one end
+// of the segment to the other.
+void composite_cubic(Band band, float span, float position, float slope, vec2 part, uint normal) {
+    float rise = position - walk.position;
+    bool crossings = walk.slope != UNKNOWN_SLOPE && slope != UNKNOWN_SLOPE;
+    vec2 slopes = vec2(walk.slope != UNKNOWN_SLOPE ? walk.slope * span * band.inverse_width : rise,
+                       slope != UNKNOWN_SLOPE ? slope * span * band.inverse_width : rise);
+    if (crossings) slopes = limit_slopes(walk.position, position, slopes);
+    vec4 moments = cubic_moments(span * vec2(band.low.a, band.high.a), walk.position, position, slopes, part);
+#if SHADING
+    vec3 front_normal = normal_between(walk.normal, normal, 0.0);
+    vec3 back_normal = normal_between(walk.normal, normal, 1.0);
+    composite(lit(band.low.rgb, front_normal) * (moments.x - moments.y - moments.z + moments.w)
+              + lit(band.high.rgb, front_normal) * (moments.y - moments.w)
+              + lit(band.low.rgb, back_normal) * (moments.z - moments.w) + lit(band.high.rgb, back_normal) * moments.w,
+              moments.x);
+#else
+    composite(band.low.rgb * (moments.x - moments.y) + band.high.rgb * moments.y, moments.x);
+#endif
+}
+
+// Composites the segment up to `distance`, where the value is at `position` of the current band with the slope df/dt (or
+// UNKNOWN_SLOPE), and moves there.
+void advance(float distance, float position, float slope, uint normal) {
     Band band = current_band();
     float start = max(walk.distance, walk.visible_start);
     float end = min(distance, walk.visible_end);
     if (band.extinction_max > 0.0 && end > start) {
         float span = distance - walk.distance;
-        float length = end - start;
-        float part = (start - walk.distance) / span;
-        vec3 front_normal = normal_between(walk.normal, normal, part);
-#if SEGMENT_RULE == 2
-        float last_part = (end - walk.distance) / span;
-        vec3 back_normal = normal_between(walk.normal, normal, last_part);
-        vec4 front = mix(band.low, band.high, mix(walk.position, position, part));
-        vec4 back = mix(band.low, band.high, mix(walk.position, position, last_part));
-        vec2 weights = segment_weights(front.a * length, back.a * length);
-        composite(weights.x * lit(front.rgb, front_normal) + weights.y * lit(back.rgb, back_normal),
-                  weights.x + weights.y);
+        vec2 part = vec2(start - walk.distance, end - walk.distance) / span;
+#if SEGMENT_RULE == 3
+        composite_cubic(band, span, position, slope, part, normal);
+#elif SEGMENT_RULE == 2
+        composite_linear(band, position, part, end - start, normal);
 #else
-        vec4 front = mix(band.low, band.high, walk.position);
-        float depth = front.a * length;
-#if SEGMENT_RULE == 1
-        if (depth > 1.0) ++walk.saturated;
-        float opacity = min(depth, 1.0);
-#else
-        float opacity = opacity_from_depth(depth);
-#endif
-        composite(opacity * lit(front.rgb, front_normal), opacity);
+        composite_constant(band, end - start, normal_between(walk.normal, normal, part.x));
 #endif
     }
     walk.distance = distance;
     walk.position = position;
+    walk.slope = slope;
     walk.normal = normal;
 }
 
-void composite_impulse(int level, uint normal) {
-    vec4 impulse = impulses[level];
-    if (impulse.a == 0.0 || walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
-    composite(impulse.a * lit(impulse.rgb, normal_between(normal, normal, 0.0)), impulse.a);
+// Composites what there is on the isovalue itself: first the thin peak, opacity 1 - exp(-area / |df/dt|), then the impulse.
+// `slope` is |df/dt| [normalised / world].
+void composite_level(int level, float slope, uint normal) {
+    Level here = levels[level];
+    if (here.impulse.a == 0.0 && here.sheet.a == 0.0) return;
+    if (walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
+    vec3 light = normal_between(normal, normal, 0.0);
+    float sheet = opacity_from_depth(here.sheet.a / max(slope, LEAST_SLOPE / frame.box_radius));
+    composite(sheet * lit(here.sheet.rgb, light), sheet);
+    composite(here.impulse.a * lit(here.impulse.rgb, light), here.impulse.a);
 }

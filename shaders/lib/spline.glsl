@@ -1,0 +1,36 @@
+// Smooth reconstructions on a face of the box: a bicubic of 4 x 4 coefficients.
+// Source: Sigg and Hadwiger 2005, "Fast third-order texture filtering" (tensor-product weights).
+// Twin: isosample/integral/spline.py
+
+// Weights of the four taps at the fraction `u`: the rows of the kernel are cubics of u.
+vec4 tap_weights(mat4 kernel, float u) {
+    vec4 powers = vec4(1.0, u, u * u, u * u * u);
+    return vec4(dot(kernel[0], powers), dot(kernel[1], powers), dot(kernel[2], powers), dot(kernel[3], powers));
+}
+
+// The bicubic; column j of `taps` holds the four coefficients along the first axis in row j.
+float spline_face_value(mat4 taps, vec4 weights_u, vec4 weights_v) {
+    return dot(weights_v, vec4(dot(taps[0], weights_u), dot(taps[1], weights_u), dot(taps[2], weights_u),
+                               dot(taps[3], weights_u)));
+}
+
+// Second differences of four numbers in a row, the larger one.
+float largest_bend(vec4 row) { return max(abs(row.x - 2.0 * row.y + row.z), abs(row.y - 2.0 * row.z + row.w)); }
+
+// Largest difference of normalised values between the bicubic and what the mesh's outline on the face stands for: see
+// face_tolerance. A chord leaves its isoline by (bend along u + bend along v) / 8 + |mixed difference| / 4.
+float spline_face_tolerance(mat4 taps) {
+    mat4 across = transpose(taps);
+    float bend = 0.0;
+    float bend_across = 0.0;
+    float low = taps[0].x;
+    float high = low;
+    for (int j = 0; j < 4; ++j) {
+        bend = max(bend, largest_bend(taps[j]));
+        bend_across = max(bend_across, largest_bend(across[j]));
+        low = min(low, min(min(taps[j].x, taps[j].y), min(taps[j].z, taps[j].w)));
+        high = max(high, max(max(taps[j].x, taps[j].y), max(taps[j].z, taps[j].w)));
+    }
+    float mixed = abs(taps[1].y - taps[1].z - taps[2].y + taps[2].z);
+    return 0.125 * (bend + bend_across) + 0.25 * mixed + 0.02 * (high - low) + 1e-5;
+}
