@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ class Reason(enum.Enum):
     """Why a value is in the plan; where several apply, the first in this order is given."""
 
     IMPULSE = "isosurface"
+    SHEET = "sheet"
     PEAK = "peak"
     STEP = "step"
     SLOPE_END = "slope end"
@@ -36,6 +38,8 @@ class PlanRow(NamedTuple):
     extinction_below: float
     extinction_above: float
     opacity: float
+    sheet_area: float
+    sheet_width: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,13 +65,23 @@ class IsovaluePlan:
         Opacity of one crossing of an isosurface of the transfer function; 0 where the level is none.
     impulse_color : (K, 3) float64
         Its colour (linear RGB, straight); 0 where the level is none.
+    sheet_area : (K,) float64
+        Integral over the value of a narrow peak's extinction [data units/world]; 0 where the level is no sheet.
+        One crossing has the opacity 1 − exp(−sheet_area / |df/dt|). A level that is a sheet and an isosurface
+        composites the sheet first (front), then the isosurface, from whichever side a ray comes.
+    sheet_color : (K, 3) float64
+        The sheet's colour (linear RGB, straight); 0 where the level is none.
+    sheet_width : (K,) float64
+        Width of the peak that the sheet stands for, in typical voxels; 0 where the level is none.
     skipped : dict of str to int
         What was left out and how much.
+    report : dict
+        How the plan was found, JSON-ready; empty for a plan that was not searched for.
 
     Raises
     ------
     InputError
-        If shapes do not belong together or isovalues do not ascend.
+        If shapes do not belong together, isovalues do not ascend, or a sheet's area is negative or not finite.
     """
 
     isovalues: F64
@@ -78,7 +92,11 @@ class IsovaluePlan:
     band_color: F64
     impulse_opacity: F64
     impulse_color: F64
+    sheet_area: F64
+    sheet_color: F64
+    sheet_width: F64
     skipped: dict[str, int]
+    report: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = len(self.isovalues)
@@ -89,6 +107,9 @@ class IsovaluePlan:
             "band_color": (count + 1, 2, 3),
             "impulse_opacity": (count,),
             "impulse_color": (count, 3),
+            "sheet_area": (count,),
+            "sheet_color": (count, 3),
+            "sheet_width": (count,),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
@@ -97,6 +118,8 @@ class IsovaluePlan:
             raise InputError(f"reasons has {len(self.reasons)} entries; expected {count}.")
         if not (np.diff(self.isovalues) > 0).all():
             raise InputError(f"isovalues {self.isovalues.tolist()} must be strictly ascending.")
+        if not (np.isfinite(self.sheet_area) & (self.sheet_area >= 0)).all():
+            raise InputError(f"sheet_area {self.sheet_area.tolist()} must be finite and >= 0.")
 
     @property
     def band_visible(self) -> npt.NDArray[np.bool_]:
@@ -107,10 +130,12 @@ class IsovaluePlan:
     def describe(self) -> list[PlanRow]:
         """Return one row per isovalue, for printing."""
         below, above = self.band_extinction[:-1, 1], self.band_extinction[1:, 0]
-        return [
-            PlanRow(k, float(value), self.reasons[k].value, float(below[k]), float(above[k]), float(opacity))
-            for k, (value, opacity) in enumerate(zip(self.isovalues, self.impulse_opacity, strict=True))
-        ]
+        reasons = [reason.value for reason in self.reasons]
+        numbers = np.stack(
+            [below, above, self.impulse_opacity, self.sheet_area, self.sheet_width], axis=1
+        ).tolist()
+        values = self.isovalues.tolist()
+        return [PlanRow(k, values[k], reasons[k], *row) for k, row in enumerate(numbers)]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the plan as JSON-ready lists; `from_dict` gives back an equal plan."""
@@ -123,7 +148,11 @@ class IsovaluePlan:
             "band_color": self.band_color.tolist(),
             "impulse_opacity": self.impulse_opacity.tolist(),
             "impulse_color": self.impulse_color.tolist(),
+            "sheet_area": self.sheet_area.tolist(),
+            "sheet_color": self.sheet_color.tolist(),
+            "sheet_width": self.sheet_width.tolist(),
             "skipped": dict(self.skipped),
+            "report": copy.deepcopy(self.report),
         }
 
     @classmethod
@@ -147,7 +176,11 @@ class IsovaluePlan:
                 band_color=np.asarray(document["band_color"], dtype=np.float64),
                 impulse_opacity=np.asarray(document["impulse_opacity"], dtype=np.float64),
                 impulse_color=np.asarray(document["impulse_color"], dtype=np.float64).reshape(-1, 3),
+                sheet_area=np.asarray(document["sheet_area"], dtype=np.float64),
+                sheet_color=np.asarray(document["sheet_color"], dtype=np.float64).reshape(-1, 3),
+                sheet_width=np.asarray(document["sheet_width"], dtype=np.float64),
                 skipped={str(key): int(count) for key, count in document["skipped"].items()},
+                report=copy.deepcopy(dict(document.get("report", {}))),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(f"an isovalue plan lacks or misuses {error}; make it anew.") from error

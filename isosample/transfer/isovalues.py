@@ -11,16 +11,20 @@ import numpy.typing as npt
 
 from isosample.errors import InputError
 from isosample.transfer.isovalue_plan import IsovaluePlan, PlanRow, Reason
+from isosample.transfer.sheets import SHEET_COUNT, split_sheets
 from isosample.transfer.transfer_function import SEPARATION_ULP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from isosample.transfer.sheets import Gradients, Sheet
     from isosample.transfer.transfer_function import TransferFunction
 
 __all__ = ["IsovaluePlan", "PlanRow", "Reason", "plan_isovalues"]
 
 F64 = npt.NDArray[np.float64]
+
+BLACK = (0.0, 0.0, 0.0)
 
 PRIORITY: dict[Reason | None, int] = {reason: rank for rank, reason in enumerate(Reason)}
 
@@ -33,6 +37,7 @@ def plan_isovalues(
     *,
     per_slope: int = 5,
     extra: Sequence[float] = (),
+    gradients: Gradients | None = None,
 ) -> IsovaluePlan:
     """Isovalues that a picture needs, and the transfer function between them.
 
@@ -46,6 +51,10 @@ def plan_isovalues(
         Number of evenly spaced values inside each visible slope (its part inside the value range), >= 0.
     extra : sequence of float
         Further isovalues; those in bands without extinction are left out.
+    gradients : callable, optional
+        Typical gradient magnitude of the volume [data units/voxel] at each of a list of values, None where it
+        is unknown; for instance ``functools.partial(gradient_at_values, volume)``. Peaks that are narrower
+        than a hundredth of a voxel by it become sheets (see `sheets.split_sheets`). Without it none does.
 
     Returns
     -------
@@ -71,21 +80,26 @@ def plan_isovalues(
     low, high = _checked_range(value_range)
     if not _is_whole(per_slope) or not 0 <= per_slope <= MAX_PER_SLOPE:
         raise InputError(f"per_slope {per_slope!r} must be a whole number from 0 to {MAX_PER_SLOPE}.")
+    sheets, transfer_function = split_sheets(transfer_function, (low, high), gradients)
     points, skipped_points = _point_candidates(transfer_function, low, high)
     between, constant_count = _between_candidates(transfer_function, low, high, per_slope)
     surfaces = transfer_function.isosurfaces
     impulses = [_candidate(s.value, Reason.IMPULSE) for s in surfaces if low < s.value <= high]
     further = _extra_candidates(transfer_function, low, high, extra)
-    chosen = [*points, *between, *further, *impulses]
+    sheet_values = {sheet.value for sheet in sheets}
+    points = [point for point in points if point.value not in sheet_values]
+    thin = [_candidate(value, Reason.SHEET) for value in sorted(sheet_values)]
+    chosen = [*points, *between, *further, *impulses, *thin]
     clusters = _clusters([*chosen, _candidate(low, None), _candidate(high, None)])
     skipped = {
         **skipped_points,
         "constant_slopes": constant_count,
         "isosurfaces_outside_range": len(surfaces) - len(impulses),
         "extra_values_not_visible": len(extra) - len(further),
+        SHEET_COUNT: len(sheets),
         "values_merged": len(chosen) - sum(cluster.level is not None for cluster in clusters),
     }
-    return _assemble(transfer_function, (low, high), clusters, skipped)
+    return _assemble(transfer_function, (low, high), clusters, sheets, skipped)
 
 
 def _is_whole(number: object) -> bool:
@@ -96,6 +110,7 @@ def _assemble(
     transfer_function: TransferFunction,
     value_range: tuple[float, float],
     clusters: list[_Cluster],
+    sheets: list[Sheet],
     skipped: dict[str, int],
 ) -> IsovaluePlan:
     """Plan with one isovalue per cluster that has a level, and the limits of the bands between them."""
@@ -107,6 +122,8 @@ def _assemble(
     lower, upper = [0, *kept], [*kept, len(clusters) - 1]  # the clusters at the two ends of each band
     surfaces = {surface.value: surface for surface in transfer_function.isosurfaces}
     impulses = [surfaces[c.value] if c.reason is Reason.IMPULSE else None for c in chosen]
+    at_value = {sheet.value: sheet for sheet in sheets}
+    thin = [at_value.get(c.value) for c in chosen]
     return IsovaluePlan(
         isovalues=isovalues,
         reasons=tuple(level.reason for level in chosen if level.reason is not None),
@@ -115,7 +132,10 @@ def _assemble(
         band_extinction=np.stack([above[1][lower], below[1][upper]], axis=1),
         band_color=np.stack([above[0][lower], below[0][upper]], axis=1),
         impulse_opacity=np.array([s.opacity if s else 0.0 for s in impulses]),
-        impulse_color=np.array([s.color if s else (0.0, 0.0, 0.0) for s in impulses]).reshape(-1, 3),
+        impulse_color=np.array([s.color if s else BLACK for s in impulses]).reshape(-1, 3),
+        sheet_area=np.array([sheet.area if sheet else 0.0 for sheet in thin]),
+        sheet_color=np.array([sheet.color if sheet else BLACK for sheet in thin]).reshape(-1, 3),
+        sheet_width=np.array([sheet.width if sheet else 0.0 for sheet in thin]),
         skipped=skipped,
     )
 

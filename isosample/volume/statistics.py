@@ -1,7 +1,8 @@
-"""Histogram of the finite samples, scanned block by block."""
+"""Histogram of the finite samples and typical gradients, scanned block by block."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -11,10 +12,13 @@ import numpy.typing as npt
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from isosample.volume.grid import F64, Volume
 
 BIN_PER_VALUE = 4096  # an integer volume whose values span no more gets one bin per value
 BLOCK_BYTES = 8 << 20  # counting widens samples to 8 bytes: blocks of one-byte samples grow to 64 MiB
+GRADIENT_CELLS = 2_000_000  # cells looked at for typical gradients; their median is then known to about 0.1 %
 
 
 def histogram(volume: Volume, bins: int = 256) -> tuple[npt.NDArray[np.int64], F64]:
@@ -56,6 +60,65 @@ def histogram(volume: Volume, bins: int = 256) -> tuple[npt.NDArray[np.int64], F
             0
         ]
     return counts, edges
+
+
+def gradient_at_values(volume: Volume, values: Sequence[float]) -> list[float | None]:
+    """Return typical gradient magnitudes of the field where it takes given values.
+
+    Parameters
+    ----------
+    volume : Volume
+    values : sequence of N float
+        In data units.
+
+    Returns
+    -------
+    gradients : list of N float or None
+        Median over the cells that straddle the value (smallest corner < value <= largest corner) of the
+        magnitude of the trilinear field's gradient at the cell's centre, per step from sample to sample
+        along each axis [data units/voxel]; None where no cell does.
+
+    Notes
+    -----
+    At most 2 000 000 cells are looked at: every s-th along each axis, with the smallest s that suffices, so
+    that the same volume always gives the same numbers. A value that only a few cells straddle can thus be
+    missed in a large volume. Cells with a sample that is not finite are left out.
+    """
+    found: list[list[F64]] = [[] for _ in values]
+    for lowest, highest, magnitude in _sampled_cells(volume):
+        for value, slopes in zip(values, found, strict=True):
+            slopes.append(magnitude[(lowest < value) & (value <= highest)])
+    joined = [np.concatenate([np.empty(0), *slopes]) for slopes in found]
+    return [float(np.median(slopes)) if slopes.size else None for slopes in joined]
+
+
+def _sampled_cells(volume: Volume) -> Iterator[tuple[F64, F64, F64]]:
+    """Yield smallest and largest corner and gradient magnitude of the sampled finite cells, slice by slice."""
+    cells = [max(size - 1, 1) for size in volume.array.shape]  # a single slice is a cell of no thickness
+    stride = 1
+    while math.prod(math.ceil(count / stride) for count in cells) > GRADIENT_CELLS:
+        stride += 1
+    for z in range(0, cells[0], stride):
+        slices = np.asarray(volume.array[z : z + 2]).astype(np.float64)
+        corners = _corners(slices, stride)
+        corners = corners[..., np.isfinite(corners).all(axis=(0, 1, 2))]
+        steps = [np.diff(corners, axis=axis).mean(axis=(0, 1, 2)) for axis in range(3)]
+        magnitude: F64 = np.linalg.norm(steps, axis=0)
+        yield corners.min(axis=(0, 1, 2)), corners.max(axis=(0, 1, 2)), magnitude
+
+
+def _corners(slices: F64, stride: int) -> F64:
+    """(2, 2, 2, R, C), the corners [z, y, x] of every `stride`-th cell between two slices, or in a single one."""
+    last_z, last_y, last_x = (size - 1 for size in slices.shape)
+    rows, columns = max(last_y, 1), max(last_x, 1)
+    shape = (math.ceil(rows / stride), math.ceil(columns / stride))
+    corners = np.empty((2, 2, 2, *shape))
+    for z, y, x in itertools.product((0, 1), repeat=3):
+        start_y, start_x = min(y, last_y), min(x, last_x)
+        corners[z, y, x] = slices[
+            min(z, last_z), start_y : start_y + rows : stride, start_x : start_x + columns : stride
+        ]
+    return corners
 
 
 def _least_width(low: float, high: float) -> float:

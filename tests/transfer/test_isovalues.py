@@ -213,9 +213,9 @@ def test_a_damaged_plan_is_refused(change: dict[str, Any], message: str) -> None
 def test_rows_describe_the_plan() -> None:
     rows = plan_isovalues(tf_of((2, 1), (4, 3), surfaces=(3.0,)), (0, 10), per_slope=0).describe()
     assert [tuple(row) for row in rows] == [
-        (0, 2.0, "step", 0.0, 1.0, 0.0),
-        (1, 3.0, "isosurface", 2.0, 2.0, 0.5),
-        (2, 4.0, "peak", 3.0, 0.0, 0.0),
+        (0, 2.0, "step", 0.0, 1.0, 0.0, 0.0, 0.0),
+        (1, 3.0, "isosurface", 2.0, 2.0, 0.5, 0.0, 0.0),
+        (2, 4.0, "peak", 3.0, 0.0, 0.0, 0.0, 0.0),
     ]
 
 

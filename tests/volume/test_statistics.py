@@ -1,14 +1,15 @@
-"""The histogram counts each finite sample once, in bins that suit the sample type."""
+"""The histogram counts each finite sample once; typical gradients are those of the cells at a value."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from isosample.errors import InputError
 from isosample.volume import statistics
 from isosample.volume.grid import SampleArray, Volume
-from isosample.volume.statistics import histogram
+from isosample.volume.statistics import gradient_at_values, histogram
 
 
 def test_integers_get_one_bin_per_value() -> None:
@@ -65,3 +66,63 @@ def test_values_that_float64_hardly_tells_apart_are_counted(samples: SampleArray
 def test_no_bins_are_refused() -> None:
     with pytest.raises(InputError, match="0 bins"):
         histogram(Volume(np.zeros((1, 1, 1))), bins=0)
+
+
+def linear_samples(
+    slopes: tuple[float, float, float], shape: tuple[int, int, int] = (6, 7, 8)
+) -> SampleArray:
+    """Samples that rise by the slopes per step along x, y, z."""
+    z, y, x = np.indices(shape, dtype=np.float64)
+    samples: SampleArray = slopes[0] * x + slopes[1] * y + slopes[2] * z
+    return samples
+
+
+def rows(*samples: float, shape: tuple[int, int] = (3, 3)) -> npt.NDArray[np.float64]:
+    """Volume samples that are the same along every row x."""
+    return np.broadcast_to(np.array(samples), (*shape, len(samples))).copy()
+
+
+def test_the_gradient_of_a_linear_field_is_its_slope_per_voxel() -> None:
+    volume = Volume(linear_samples((2.0, -3.0, 6.0)), spacing=(0.1, 4.0, 1.0))
+    assert gradient_at_values(volume, [0.5, 10.0]) == pytest.approx([7.0, 7.0], rel=1e-14)  # √(4 + 9 + 36)
+
+
+def test_the_gradient_is_the_median_of_the_cells_that_straddle_the_value() -> None:
+    volume = Volume(rows(0.0, 1.0, 4.0, 2.0, 2.0))
+    # 0 < 0.5 <= 1 rises by 1; 1.5 lies on the cell from 1 to 4 alone; 2.5 also on the one from 4 to 2
+    assert gradient_at_values(volume, [0.5, 1.5, 2.5]) == [1.0, 3.0, 2.5]
+
+
+def test_a_value_that_no_cell_straddles_has_no_gradient() -> None:
+    volume = Volume(rows(0, 0, 5))
+    assert gradient_at_values(volume, [-1.0, 0.0, 5.0, 5.5]) == [None, None, 5.0, None]
+    assert gradient_at_values(volume, []) == []
+
+
+def test_integers_do_not_wrap_around() -> None:
+    volume = Volume(rows(0, 255, 0).astype(np.uint8))
+    assert gradient_at_values(volume, [100.0]) == [255.0]
+
+
+def test_cells_with_a_sample_that_is_not_finite_are_left_out() -> None:
+    samples = rows(0.0, 1.0, 2.0, 10.0, shape=(2, 2))
+    samples[0, 0, 3] = np.nan
+    assert gradient_at_values(Volume(samples), [1.5, 5.0]) == [1.0, None]
+
+
+def test_a_single_slice_has_gradients_in_its_plane() -> None:
+    volume = Volume(linear_samples((3.0, 4.0, 0.0), (1, 5, 5)))
+    assert gradient_at_values(volume, [10.0]) == pytest.approx([5.0], rel=1e-14)
+
+
+def test_few_cells_give_nearly_the_same_gradient(monkeypatch: pytest.MonkeyPatch) -> None:
+    z, y, x = np.indices((40, 41, 42)) - 20.0
+    volume = Volume(np.exp(-(x * x + y * y + z * z) / 200))
+    # |∇ exp(−r²/2s²)| = r v / s² with s = 10; at v = 1/2 r = s √(2 ln 2)
+    exact = 0.5 * np.sqrt(2 * np.log(2)) / 10
+    for cells in (10**6, 5000):
+        monkeypatch.setattr(statistics, "GRADIENT_CELLS", cells)
+        # a cell's mean gradient differs from the point's by terms of (h/s)² = 1 %, times at most 1
+        (typical,) = gradient_at_values(volume, [0.5])
+        assert typical == pytest.approx(exact, rel=0.01)
+        assert gradient_at_values(volume, [0.5]) == [typical]
