@@ -14,7 +14,7 @@ from isosample.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from isosample.volume.grid import F64, Volume
+    from isosample.volume.grid import F64, SampleArray, Volume
 
 BIN_PER_VALUE = 4096  # an integer volume whose values span no more gets one bin per value
 BLOCK_BYTES = 8 << 20  # counting widens samples to 8 bytes: blocks of one-byte samples grow to 64 MiB
@@ -99,16 +99,15 @@ def _sampled_cells(volume: Volume) -> Iterator[tuple[F64, F64, F64]]:
     while math.prod(math.ceil(count / stride) for count in cells) > GRADIENT_CELLS:
         stride += 1
     for z in range(0, cells[0], stride):
-        slices = np.asarray(volume.array[z : z + 2]).astype(np.float64)
-        corners = _corners(slices, stride)
+        corners = _corners(np.asarray(volume.array[z : z + 2]), stride)
         corners = corners[..., np.isfinite(corners).all(axis=(0, 1, 2))]
         steps = [np.diff(corners, axis=axis).mean(axis=(0, 1, 2)) for axis in range(3)]
         magnitude: F64 = np.linalg.norm(steps, axis=0)
         yield corners.min(axis=(0, 1, 2)), corners.max(axis=(0, 1, 2)), magnitude
 
 
-def _corners(slices: F64, stride: int) -> F64:
-    """(2, 2, 2, R, C), the corners [z, y, x] of every `stride`-th cell between two slices, or in a single one."""
+def _corners(slices: SampleArray, stride: int) -> F64:
+    """(2, 2, 2, R, C) float64, the corners [z, y, x] of every `stride`-th cell between two slices, or in a single one."""
     last_z, last_y, last_x = (size - 1 for size in slices.shape)
     rows, columns = max(last_y, 1), max(last_x, 1)
     shape = (math.ceil(rows / stride), math.ceil(columns / stride))
