@@ -107,7 +107,7 @@ def _sampled_cells(volume: Volume) -> Iterator[tuple[F64, F64, F64]]:
 
 
 def _corners(slices: SampleArray, stride: int) -> F64:
-    """(2, 2, 2, R, C) float64, the corners [z, y, x] of every `stride`-th cell between two slices, or in a single one."""
+    """(2, 2, 2, R, C) float64, corners [z, y, x] of every `stride`-th cell between two slices, or in one."""
     last_z, last_y, last_x = (size - 1 for size in slices.shape)
     rows, columns = max(last_y, 1), max(last_x, 1)
     shape = (math.ceil(rows / stride), math.ceil(columns / stride))
