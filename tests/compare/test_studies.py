@@ -11,7 +11,7 @@ from isosample.compare import exact_crossings, studies
 from isosample.compare.study import Study
 from isosample.compare.study_plots import plot_study
 from isosample.errors import InputError
-from isosample.integral.data_centric import integrate_ray
+from isosample.integral.data_centric import integrate_lists
 from isosample.integral.segment_rule import SegmentRule
 
 if TYPE_CHECKING:
@@ -70,13 +70,13 @@ def test_every_study_passes(gl: moderngl.Context) -> None:
 
 
 def test_a_wrong_segment_rule_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    exact = integrate_ray
+    def another(lists: Any, plan: Any, *, rule: Any, reach: float) -> Any:
+        wrong = {SegmentRule.LINEAR: SegmentRule.CONSTANT_FIRST_ORDER, SegmentRule.CUBIC: SegmentRule.LINEAR}
+        return integrate_lists(lists, plan, rule=wrong[rule], reach=reach)
 
-    def another(crossings: Any, entry: Any, leave: Any, plan: Any, *_: Any) -> Any:
-        return exact(crossings, entry, leave, plan, SegmentRule.CONSTANT_FIRST_ORDER)
-
-    monkeypatch.setattr(exact_crossings, "integrate_ray", another)
-    assert not studies.isovalue_study(SegmentRule.LINEAR, quick=True).passed
+    monkeypatch.setattr(exact_crossings, "integrate_lists", another)
+    for rule in (SegmentRule.LINEAR, SegmentRule.CUBIC):
+        assert not studies.isovalue_study(rule, quick=True).passed
 
 
 def test_a_plot_is_a_whole_png(tmp_path: Path) -> None:
