@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from isosample.integral.band_table import BandTable
+    from isosample.volume.grid import Volume
 
 F64 = npt.NDArray[np.float64]
 
@@ -36,6 +37,21 @@ class CellGrid(NamedTuple):
     samples: npt.NDArray[Any]
     base: float
     visible: npt.NDArray[np.bool_]
+
+    @classmethod
+    def build(cls, volume: Volume, base: float, bands: BandTable) -> CellGrid:
+        """Prepare a volume whose values are seen through bands, both less the base.
+
+        The samples are kept as float32 where that is exact, else as float64 (one compiled kernel for each).
+        """
+        array = volume.array
+        dtype = np.float32 if np.can_cast(array.dtype, np.float32, casting="safe") else np.float64
+        samples = np.ascontiguousarray(array, dtype=dtype).view()
+        samples.setflags(write=False)
+        visible = np.zeros([-(-(count - 1) // BLOCK_CELLS) for count in samples.shape], dtype=np.bool_)
+        shown = (bands.extinction.max(axis=1) > 0, bands.level_visible)
+        find_visible_blocks(samples, base, bands, shown, visible)
+        return cls(samples, base, visible)
 
 
 @compiled
@@ -59,11 +75,11 @@ def find_visible_blocks(
                             value = samples[k, j, i] - base
                             if math.isfinite(value):
                                 low, high = min(low, value), max(high, value)
-                visible[z, y, x] = low <= high and _any_shown(low, high, bands.edges, shown)
+                visible[z, y, x] = low <= high and any_shown(low, high, bands.edges, shown)
 
 
 @compiled
-def _any_shown(
+def any_shown(
     low: float, high: float, edges: F64, shown: tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]
 ) -> bool:
     """Whether a closed range of values meets a band with extinction or an isosurface."""

@@ -82,26 +82,26 @@ def _march(
     cell, following = np.zeros(3, dtype=np.int64), np.zeros(3, dtype=np.int64)
     t, stop = interval[0], interval[1]
     find_cell(origin, direction, t, grid.samples.shape, cell)
-    state = _nowhere()
+    state = nowhere()
     while t < stop and walk[TRANSMITTANCE] >= OPAQUE:
         seen = grid.visible[cell[2] // BLOCK_CELLS, cell[1] // BLOCK_CELLS, cell[0] // BLOCK_CELLS]
-        leave = min(_leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
+        leave = min(leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
         if leave > t:
             if seen and _load_cell(grid, cell, scratch[0]):
                 state = _walk_cell(walk, scratch, optics, line, cell, (t, leave), state, counts)
             else:
                 counts[MASKED if seen else BLOCKS] += 1
-                state = _leave_field(walk, optics, state)
+                state = leave_field(walk, optics, state)
         if not seen:
             find_cell(origin, direction, leave, grid.samples.shape, cell)
         elif leave < stop:
             cell[0], cell[1], cell[2] = following[0], following[1], following[2]
         t = leave
-    _leave_field(walk, optics, state)
+    leave_field(walk, optics, state)
 
 
 @compiled
-def _nowhere() -> State:
+def nowhere() -> State:
     """Return the state before the first cell."""
     return False, 0, 0.0
 
@@ -127,7 +127,7 @@ def _walk_cell(
         counts[UNSEEN] += 1
         return False, band, 0.0  # strictly inside the band, so the next cell starts afresh
     for i in range(2):
-        _place_in_cell(line[0], line[1], cell, between[i], ends[i])
+        place_in_cell(line[0], line[1], cell, between[i], ends[i])
     cubic = cubic_between(corners, ends[0], ends[1])  # its first value is the last of the cell before
     if not known:
         band = band_above(optics.bands.edges, band, cubic[0])
@@ -136,7 +136,7 @@ def _walk_cell(
 
 
 @compiled
-def _leave_field(walk: F64, optics: Optics, state: State) -> State:
+def leave_field(walk: F64, optics: Optics, state: State) -> State:
     """Cross the level on which the field ends, if it does: the level itself is inside."""
     known, band, value = state
     if known and walk[TRANSMITTANCE] >= OPAQUE:
@@ -174,7 +174,7 @@ def find_cell(origin: F64, direction: F64, t: float, shape: tuple[int, int, int]
 
 
 @compiled
-def _leave_cell(
+def leave_cell(
     origin: F64,
     direction: F64,
     cell: I64,
@@ -203,7 +203,7 @@ def _leave_cell(
 
 
 @compiled
-def _place_in_cell(origin: F64, direction: F64, cell: I64, t: float, place: F64) -> None:
+def place_in_cell(origin: F64, direction: F64, cell: I64, t: float, place: F64) -> None:
     """Position in the cell, in [0, 1]; exactly 0 or 1 on the planes of samples."""
     for axis in range(3):
         o, d = origin[axis], direction[axis]
@@ -264,7 +264,7 @@ def integrate_piece_block(
     walk = np.empty(WALK_SIZE)
     for ray in range(len(first) - 1):
         start_walk(walk)
-        state = _nowhere()
+        state = nowhere()
         for piece in range(first[ray], first[ray + 1]):
             b = coefficients[piece]
             band = state[1]
@@ -274,6 +274,6 @@ def integrate_piece_block(
             state = (True, band, b[3])
             if walk[TRANSMITTANCE] < OPAQUE:
                 break
-        _leave_field(walk, optics, state)
+        leave_field(walk, optics, state)
         for i in range(4):
             rgba[ray, i] = walk[i]

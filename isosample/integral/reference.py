@@ -1,7 +1,8 @@
 """Ground truth of the volume-rendering integral of a grid, in float64.
 
-The field is the trilinear interpolant of the samples, exactly: along a ray it is a cubic in every cell. Each
-cubic is cut at its extrema and where it takes a value at which the transfer function bends, steps or has an
+The field is the trilinear interpolant of the samples, exactly: along a ray it is a cubic in every cell. Or it is
+a spline: along a ray of degree 9 in every cell, it is replaced by cubics that agree with it (`spline_march`).
+Each cubic is cut at its extrema and where it takes a value at which the transfer function bends, steps or has an
 isosurface. On each part opacity has a closed form; so has radiance where the colour does not change, and
 elsewhere Gauss-Legendre panels err by less than the tolerance (`band_table.PanelRules` has the proof).
 
@@ -20,11 +21,13 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.integral.band_table import BandTable, Optics, PanelRules
+from isosample.integral.band_table import SMALLEST_TOLERANCE, BandTable, Optics, PanelRules
 from isosample.integral.checks import last_axis
+from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
     from isosample.integral.cell_grid import CellGrid
+    from isosample.integral.spline_grid import SplineGrid
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
@@ -46,27 +49,31 @@ def integrate_rays(
     origins: npt.ArrayLike,
     directions: npt.ArrayLike,
     *,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     clip_planes: Sequence[Plane] = (),
     tolerance: float = DEFAULT_TOLERANCE,
     panels: int = 1,
     progress: Progress | None = None,
 ) -> F64:
-    r"""Radiance and opacity of rays through the trilinear interpolant of a volume.
+    r"""Radiance and opacity of rays through a reconstruction of a volume.
 
     Parameters
     ----------
     volume : Volume
-        At least two samples along every axis. A cell with a corner that is not finite contributes nothing.
+        At least two samples along every axis. Of the trilinear interpolant, a cell with a corner that is not
+        finite contributes nothing; a spline needs finite samples.
     transfer_function : TransferFunction
     origins, directions : (N, 3) array_like of float
         World space, directions of unit length. Only what lies in front of the origin counts.
+    reconstruction : Reconstruction
     clip_planes : sequence of (nx, ny, nz, d)
         The side where nx·x + ny·y + nz·z + d >= 0 is kept [world].
     tolerance : float
-        Largest absolute error of a component by quadrature, 1e-13 to 1e-2; rounding (about 1e-14 times the
-        number of cells on the ray) comes on top.
+        Largest absolute error of a component by quadrature, and of a spline by its cubics (see the notes),
+        1e-13 to 1e-2; rounding (about 1e-14 times the number of cells on the ray) comes on top.
     panels : int
-        Divides every quadrature panel again; the result must not change by more than `tolerance`.
+        Divides every quadrature panel, and the cubics of a spline, again; the result must not change by more
+        than `tolerance`.
     progress : callable, optional
         Called with the number of rays done and of all rays.
 
@@ -79,7 +86,7 @@ def integrate_rays(
     ------
     InputError
         If an array has another shape, a direction is not of unit length, a number is not finite or out of
-        range, or the volume is thinner than two samples.
+        range, the volume is thinner than two samples, or a spline is asked for and a sample is not finite.
 
     Notes
     -----
@@ -89,8 +96,17 @@ def integrate_rays(
     that reaches the isovalue and stays there crosses, one that touches it and turns back does not. Where the
     field is constant at the value of a step, the extinction from above holds, at the very last control point
     that from below. A ray ends where less than 1e-14 is transmitted.
+
+    The cubics of a spline differ from it by at most half the tolerance / (largest chord · |dτ/dv| + |dc/dv|),
+    with the slopes of the bands that the field meets there, and by half the tolerance times the values' range
+    where these are 0: a proven bound, from Bernstein coefficients. It changes depth and colour by at most half
+    the tolerance; the quadrature has the other half. At a step of extinction or colour the crossing moves by that
+    difference over the field's slope, and an isosurface that is touched more closely than that may be crossed
+    twice or not at all: near such rays the error can be larger. Opacity under one colour is exact.
     """
-    tracer = ReferenceTracer.build(volume, transfer_function, tolerance=tolerance, panels=panels)
+    tracer = ReferenceTracer.build(
+        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, panels=panels
+    )
     return tracer.integrate(origins, directions, clip_planes=clip_planes, progress=progress)[0]
 
 
@@ -99,12 +115,14 @@ class ReferenceTracer:
     """A volume and a transfer function, prepared for many calls; see `integrate_rays`.
 
     The samples are kept as float32 where that is exact (integers up to 16 bits, float16, float32), else as
-    float64; arrays that are already so are not copied.
+    float64; arrays that are already so are not copied. Of a spline the coefficients are kept, and by how much its
+    cubics may differ from it in each band.
     """
 
-    grid: CellGrid
+    grid: CellGrid | SplineGrid
     index_from_world: F64
     optics: Optics
+    agreement: F64 | None = None
 
     @classmethod
     def build(
@@ -112,29 +130,33 @@ class ReferenceTracer:
         volume: Volume,
         transfer_function: TransferFunction,
         *,
+        reconstruction: Reconstruction = Reconstruction.TRILINEAR,
         tolerance: float = DEFAULT_TOLERANCE,
         panels: int = 1,
     ) -> ReferenceTracer:
         """Prepare a volume and a transfer function; arguments and errors as `integrate_rays`."""
-        from isosample.integral.cell_grid import BLOCK_CELLS, CellGrid, find_visible_blocks
-
         if min(volume.size_xyz) < 2:
             raise InputError(
                 f"{volume.name} has {volume.size_xyz} samples (x, y, z); a cell needs two along every axis."
             )
         if panels < 1:
             raise InputError(f"panels {panels} must be a whole number >= 1.")
-        samples = _floating(volume.array)
+        rules = PanelRules.for_tolerance(tolerance)
         base = offset_of(*volume.value_range)
         bands = BandTable.from_transfer_function(transfer_function, base)
-        visible = np.zeros([-(-(n - 1) // BLOCK_CELLS) for n in samples.shape], dtype=np.bool_)
-        shown = (bands.extinction.max(axis=1) > 0, bands.level_visible)
-        find_visible_blocks(samples, base, bands, shown, visible)
-        return cls(
-            grid=CellGrid(samples, base, visible),
-            index_from_world=np.asarray(np.linalg.inv(volume.world_from_index), dtype=np.float64),
-            optics=Optics(bands, PanelRules.for_tolerance(tolerance), int(panels)),
-        )
+        index_from_world = np.asarray(np.linalg.inv(volume.world_from_index), dtype=np.float64)
+        if not reconstruction.smooth:
+            from isosample.integral.cell_grid import CellGrid
+
+            grid = CellGrid.build(volume, base, bands)
+            return cls(grid, index_from_world, Optics(bands, rules, int(panels)))
+        from isosample.integral.spline_grid import SplineGrid
+
+        rules = PanelRules.for_tolerance(max(0.5 * tolerance, SMALLEST_TOLERANCE))
+        spline = SplineGrid.build(GridSpline.build(volume, reconstruction), base, bands)
+        # An error of a cubic falls by 16 when it is halved.
+        agreement = 0.5 * tolerance / panels**4 / _sensitivities(bands, volume)
+        return cls(spline, index_from_world, Optics(bands, rules, int(panels)), agreement)
 
     def integrate(
         self,
@@ -152,23 +174,45 @@ class ReferenceTracer:
         counts : (N, 5) int64
             Per ray, named by ``ray_cells.COUNT_NAMES``.
         """
-        from isosample.integral.ray_cells import COUNT_NAMES, integrate_ray_block
+        from isosample.integral.ray_cells import COUNT_NAMES
 
         starts, ways = checked_rays(origins, directions)
-        matrix = self.index_from_world
-        last = np.array(self.grid.samples.shape[::-1]) - 1.0
-        o, d = starts @ matrix[:3, :3].T + matrix[:3, 3], ways @ matrix[:3, :3].T
-        reach = (np.abs(o).max(axis=1) + last.max()) / np.abs(d).max(axis=1)
-        d = np.where(np.abs(d) * reach[:, None] <= GRAZING, 0.0, d)
+        last = np.array(self.shape[::-1]) - 1.0
+        o, d = rays_in_index(self.index_from_world, last, starts, ways)
         intervals = clipped(box_intervals(o, d, last), starts, ways, clip_planes)
         rgba, counts = np.zeros((len(o), 4)), np.zeros((len(o), len(COUNT_NAMES)), dtype=np.int64)
 
         def work(rows: slice) -> None:
-            rays = (o[rows], d[rows], intervals[rows])
-            integrate_ray_block(self.grid, self.optics, rays, rgba[rows], counts[rows])
+            self._integrate_block((o[rows], d[rows], intervals[rows]), rgba[rows], counts[rows])
 
         run_in_blocks(work, len(o), progress)
         return rgba, counts
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of samples along z, y, x."""
+        beside = 0 if self.agreement is None else 2
+        z, y, x = self.grid[0].shape
+        return z - beside, y - beside, x - beside
+
+    def _integrate_block(self, rays: tuple[F64, F64, F64], rgba: F64, counts: I64) -> None:
+        """Integrate rays in sample indices on one processor."""
+        grid: Any = self.grid  # each kernel is compiled for its own kind
+        if self.agreement is None:
+            from isosample.integral.ray_cells import integrate_ray_block
+
+            integrate_ray_block(grid, self.optics, rays, rgba, counts)
+        else:
+            from isosample.integral.spline_march import integrate_spline_block
+
+            integrate_spline_block(grid, self.optics, self.agreement, rays, rgba, counts)
+
+
+def rays_in_index(index_from_world: F64, last: F64, starts: F64, ways: F64) -> tuple[F64, F64]:
+    """Origins and directions in sample indices; a direction that hardly drifts along an axis is parallel to it."""
+    o, d = starts @ index_from_world[:3, :3].T + index_from_world[:3, 3], ways @ index_from_world[:3, :3].T
+    reach = (np.abs(o).max(axis=1) + last.max()) / np.abs(d).max(axis=1)
+    return o, np.where(np.abs(d) * reach[:, None] <= GRAZING, 0.0, d)
 
 
 def offset_of(low: float, high: float) -> float:
@@ -196,8 +240,8 @@ def checked_rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[F64
     return starts, ways
 
 
-def box_intervals(origins: F64, directions: F64, last: F64) -> F64:
-    """(N, 2) float64, ray parameters at which rays enter and leave the box from 0 to `last`; t >= 0.
+def box_intervals(origins: F64, directions: F64, last: F64, nearest: float = 0.0) -> F64:
+    """(N, 2) float64, ray parameters at which rays enter and leave the box from 0 to `last`; t >= nearest.
 
     The numbers are those of `ray_cells.plane_distance`, bit for bit. Rays beside the box, and rays that lie
     in no plane but touch it, get an empty interval.
@@ -206,7 +250,7 @@ def box_intervals(origins: F64, directions: F64, last: F64) -> F64:
     slopes = np.where(parallel, 1.0, directions)
     near, far = (0.0 - origins) / slopes, (last - origins) / slopes
     beside = parallel & ((origins < -GRAZING) | (origins > last + GRAZING))
-    first = np.where(parallel, -np.inf, np.minimum(near, far)).max(axis=1, initial=0.0)
+    first = np.where(parallel, -np.inf, np.minimum(near, far)).max(axis=1, initial=nearest)
     final = np.where(parallel, np.inf, np.maximum(near, far)).min(axis=1)
     return np.stack([first, np.where(beside.any(axis=1), -np.inf, final)], axis=1)
 
@@ -250,9 +294,12 @@ def processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _floating(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Samples as float32 where that is exact, else as float64, read-only (one compiled kernel for each)."""
-    dtype = np.float32 if np.can_cast(array.dtype, np.float32, casting="safe") else np.float64
-    samples = np.ascontiguousarray(array, dtype=dtype).view()
-    samples.setflags(write=False)
-    return samples
+def _sensitivities(bands: BandTable, volume: Volume) -> F64:
+    """(K + 1,) float64, largest change of a component of the picture per change of the field [1/data units]."""
+    low, high = volume.value_range
+    width = np.where(np.isfinite(bands.edges[1:] - bands.edges[:-1]), bands.edges[1:] - bands.edges[:-1], 1.0)
+    by_depth = np.abs(np.diff(bands.extinction, axis=1)[:, 0]) * 2.0 * volume.box.radius
+    by_color = np.abs(np.diff(bands.color, axis=1)[:, 0]).max(axis=1)
+    shown = bands.extinction.max(axis=1) > 0
+    sensitivities: F64 = np.maximum((by_depth + by_color) / width * shown, 1.0 / (high - low or 1.0))
+    return sensitivities

@@ -14,6 +14,7 @@ from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.surfaces.extract import ExtractionSettings, check_volume
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,11 +36,12 @@ def render_reference(
     camera: Camera | None = None,
     size: tuple[int, int] = DEFAULT_SIZE,
     settings: RenderSettings | None = None,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     tolerance: float = DEFAULT_TOLERANCE,
     nan_masked: bool = False,
     progress: Progress | None = None,
 ) -> Image:
-    """Render the trilinear interpolant of a volume to a given tolerance, without OpenGL.
+    """Render a reconstruction of a volume to a given tolerance, without OpenGL.
 
     Parameters
     ----------
@@ -52,11 +54,14 @@ def render_reference(
     settings : RenderSettings, optional
         Background and clip planes count; shading is not possible. What belongs to the A-buffer (segment rule,
         stage, budget, `min_transmittance`) has no meaning here: a ray ends at a transmittance of 1e-14.
+    reconstruction : Reconstruction
+        The field between the samples.
     tolerance : float
-        Largest absolute error of a component by quadrature, 1e-13 to 1e-2; the picture is then rounded to
-        float32.
+        Largest absolute error of a component, 1e-13 to 1e-2, see `integrate_rays`; the picture is then rounded
+        to float32.
     nan_masked : bool
-        Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
+        Leave out the cells that touch a NaN or infinite sample; otherwise, and always with a smooth
+        reconstruction, such samples are an error.
     progress : callable, optional
         Called with the stage ("render"), rays done and rays in all.
 
@@ -79,7 +84,9 @@ def render_reference(
     check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
     camera = camera or Camera.orbit(volume.box, aspect=width / height)
     started = time.perf_counter()
-    tracer = ReferenceTracer.build(volume, transfer_function, tolerance=tolerance)
+    tracer = ReferenceTracer.build(
+        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance
+    )
     prepared = time.perf_counter()
     origins, directions = camera.rays(width / height).origins_and_directions(width, height)
     rgba, counts = tracer.integrate(
@@ -90,12 +97,16 @@ def render_reference(
     )
     rgba += (1.0 - rgba[:, 3:]) * np.array(settings.background_premultiplied)
     seconds = {"prepare": prepared - started, "render": time.perf_counter() - prepared}
-    statistics = _statistics(tracer, counts, (width, height), seconds)
+    statistics = _statistics(tracer, reconstruction, counts, (width, height), seconds)
     return Image(rgba.reshape(height, width, 4).astype(np.float32), statistics)
 
 
 def _statistics(
-    tracer: ReferenceTracer, counts: I64, size: tuple[int, int], seconds: dict[str, float]
+    tracer: ReferenceTracer,
+    reconstruction: Reconstruction,
+    counts: I64,
+    size: tuple[int, int],
+    seconds: dict[str, float],
 ) -> dict[str, Any]:
     """What the picture cost and what was skipped, JSON-ready; a sample is a cell or a quadrature panel."""
     from isosample.integral.ray_cells import COUNT_NAMES
@@ -105,6 +116,7 @@ def _statistics(
     return {
         "renderer": f"numba, float64, {processors()} threads",
         "method": "reference",
+        "reconstruction": reconstruction.value,
         "size": list(size),
         "seconds": {stage: round(spent, 6) for stage, spent in seconds.items()},
         "isovalues": (tracer.optics.bands.edges[1:-1] + tracer.grid.base).tolist(),

@@ -1,0 +1,217 @@
+"""Marching a ray through the cells of a spline, and on the way through the bands.
+
+In a cell the field is a polynomial of degree 9 along the ray. It is halved until it lies in one band where only
+its mean counts, or the cubic through its ends agrees with it; that cubic is walked as those of a trilinear
+field are.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.compiled import compiled
+from isosample.integral.band_walk import (
+    OPAQUE,
+    PANELS,
+    TRANSMITTANCE,
+    WALK_SIZE,
+    absorb,
+    band_above,
+    band_below,
+    start_walk,
+    walk_cubic,
+)
+from isosample.integral.cell_trace import trace_capacity, trace_cells
+from isosample.integral.ray_cells import (
+    BLOCKS,
+    CELLS,
+    PANEL_COUNT,
+    UNSEEN,
+    leave_field,
+    nowhere,
+    place_in_cell,
+)
+from isosample.integral.spline_cells import (
+    DEGREE,
+    cell_polynomial,
+    halve_polynomial,
+    hermite_cubic,
+    hermite_error,
+    polynomial_bounds,
+    polynomial_mean,
+)
+from isosample.integral.spline_grid import load_taps, spline_shape
+
+if TYPE_CHECKING:
+    from isosample.integral.band_table import BandTable, Optics
+    from isosample.integral.ray_cells import State
+    from isosample.integral.spline_grid import SplineGrid
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Scratch = tuple[F64, F64, F64, F64, F64]  # taps, weights, ends, polynomials, lengths
+
+MAX_HALVINGS = 24  # errors fall by 16 per halving: rounding is reached after 14
+ROUNDING = 2.0**-49  # of a polynomial's coefficients: agreement to so little is agreement
+
+
+@compiled
+def integrate_spline_block(
+    grid: SplineGrid,
+    optics: Optics,
+    agreement: F64,
+    rays: tuple[F64, F64, F64],
+    rgba: F64,
+    counts: I64,
+) -> None:
+    """Integrate rays one after the other.
+
+    Parameters
+    ----------
+    grid, optics
+        The volume and the transfer function.
+    agreement : (K + 1,) float64
+        By how much a cubic may differ from the field in each band [data units].
+    rays, rgba, counts
+        As for `ray_cells.integrate_ray_block`.
+    """
+    origins, directions, intervals = rays
+    walk, scratch = np.empty(WALK_SIZE), spline_scratch()
+    shape = spline_shape(grid)
+    capacity = trace_capacity(shape)
+    cells, spans = np.empty((capacity, 3), dtype=np.int64), np.empty((capacity, 2))
+    for ray in range(len(origins)):
+        start_walk(walk)
+        line = (origins[ray], directions[ray])
+        count, counts[ray, BLOCKS] = trace_cells(line, intervals[ray], shape, grid.visible, (cells, spans))
+        state = nowhere()
+        for n in range(count):
+            if walk[TRANSMITTANCE] < OPAQUE:
+                break
+            if n > 0 and spans[n, 0] != spans[n - 1, 1]:
+                state = leave_field(walk, optics, state)
+            place_ends(line, cells[n], spans[n], scratch[2])
+            length = spans[n, 1] - spans[n, 0]
+            state = _walk_cell(walk, scratch, grid, optics, agreement, cells[n], length, state, counts[ray])
+        leave_field(walk, optics, state)
+        for i in range(4):
+            rgba[ray, i] = walk[i]
+        counts[ray, PANEL_COUNT] = np.int64(walk[PANELS])
+
+
+@compiled
+def spline_scratch() -> Scratch:
+    """Room for one cell: its taps, weights and ends, and the polynomials that wait, with their lengths."""
+    waiting = MAX_HALVINGS + 2
+    return (
+        np.empty((4, 4, 4)),
+        np.empty((3, 4, 4)),
+        np.empty((2, 3)),
+        np.empty((waiting, DEGREE + 1)),
+        np.empty(waiting),
+    )
+
+
+@compiled
+def place_ends(line: tuple[F64, F64], cell: I64, span: F64, ends: F64) -> None:
+    """Fill in the positions in a cell, (2, 3) in [0, 1], at which a ray enters and leaves it."""
+    for i in range(2):
+        place_in_cell(line[0], line[1], cell, span[i], ends[i])
+
+
+@compiled
+def _walk_cell(
+    walk: F64,
+    scratch: Scratch,
+    grid: SplineGrid,
+    optics: Optics,
+    agreement: F64,
+    cell: I64,
+    length: float,
+    state: State,
+    counts: I64,
+) -> State:
+    """Walk through one cell whose ends are placed; return what is known at its end."""
+    known, band, value = state
+    taps, weights, ends, polynomials, _ = scratch
+    counts[CELLS] += 1
+    low, high = load_taps(grid, cell, taps)
+    bands = optics.bands
+    if not known:
+        band = band_above(bands.edges, band, 0.5 * (low + high))
+    if _inside(bands, band, low, high) and _unseen(bands, band):
+        counts[UNSEEN] += 1
+        return False, band, 0.0  # strictly inside the band, so the next cell starts afresh
+    cell_polynomial(taps, grid.kernel, ends, weights, polynomials[0])
+    if known:
+        polynomials[0, 0] = value  # that of the cell before: rounding can neither make nor lose a crossing
+    else:
+        band = band_above(bands.edges, band, polynomials[0, 0])
+    value = polynomials[0, DEGREE]
+    band = _walk_polynomial(walk, band, scratch, optics, agreement, length)
+    return True, band, value
+
+
+@compiled
+def _walk_polynomial(
+    walk: F64, band: int, scratch: Scratch, optics: Optics, agreement: F64, length: float
+) -> int:
+    """Walk along the first of the polynomials, over a length [world]; return the band at its end."""
+    polynomials, lengths = scratch[3], scratch[4]
+    lengths[0] = length
+    top = 0
+    while top >= 0 and walk[TRANSMITTANCE] >= OPAQUE:
+        polynomial = polynomials[top]
+        low, high = polynomial_bounds(polynomial)
+        if _inside(optics.bands, band, low, high) and _only_mean_counts(optics.bands, band):
+            mean = polynomial_mean(polynomial)
+            absorb(walk, band, (mean, mean, mean, mean), lengths[top], optics)
+            top -= 1
+            continue
+        cubic = hermite_cubic(polynomial)
+        allowed = max(
+            _agreement_between(optics.bands, band, agreement, low, high),
+            ROUNDING * max(abs(low), abs(high)),
+        )
+        if lengths[top] <= length * 0.5**MAX_HALVINGS or hermite_error(polynomial, cubic) <= allowed:
+            band = walk_cubic(walk, band, cubic, lengths[top], optics)
+            top -= 1
+            continue
+        lengths[top] *= 0.5
+        lengths[top + 1] = lengths[top]
+        halve_polynomial(polynomial, polynomials[top + 1])
+        top += 1
+    return band
+
+
+@compiled
+def _inside(bands: BandTable, band: int, low: float, high: float) -> bool:
+    """Whether values lie strictly inside a band."""
+    return bool(bands.edges[band] < low and high < bands.edges[band + 1])
+
+
+@compiled
+def _unseen(bands: BandTable, band: int) -> bool:
+    """Whether a band has no extinction."""
+    return bool(bands.extinction[band, 0] == 0.0 and bands.extinction[band, 1] == 0.0)
+
+
+@compiled
+def _only_mean_counts(bands: BandTable, band: int) -> bool:
+    """Whether a band has one colour, so that the optical depth alone decides, or no extinction."""
+    color = bands.color[band]
+    same = color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]
+    return bool(same or _unseen(bands, band))
+
+
+@compiled
+def _agreement_between(bands: BandTable, band: int, agreement: F64, low: float, high: float) -> float:
+    """Smallest agreement of the bands that a closed range of values meets."""
+    first, last = band_below(bands.edges, band, low), band_above(bands.edges, band, high)
+    least = float(agreement[first])
+    for other in range(first + 1, last + 1):
+        least = min(least, agreement[other])
+    return least
