@@ -19,7 +19,7 @@ import math
 
 from isosample.compiled import compiled
 
-PANEL_DEPTH = 2.0  # largest optical depth of one panel of three nodes, unless MAX_PANELS do not suffice
+PANEL_DEPTH = 1.0  # largest optical depth of one panel of three nodes, unless MAX_PANELS do not suffice
 MAX_PANELS = 24
 SPENT = 2.0**-24  # less transmittance than this ends the integral
 LEAVES = 1e-3  # part of the band by which a cubic may leave it: it is then clamped
@@ -38,12 +38,15 @@ BEFORE_THIRD = (5.0 / 36.0 + _ROOT_15 / 30.0, 2.0 / 9.0 + _ROOT_15 / 15.0, 5.0 /
 def bump_height(a: float, b: float) -> float:
     """Largest value of a u (1 − u)² + b u² (1 − u) on [0, 1], for a, b >= 0.
 
-    The derivative vanishes where 3 (a − b) u² − 2 (2a − b) u + a = 0, written so that nothing cancels.
+    The derivative vanishes where 3 (a − b) u² − 2 (2a − b) u + a = 0, written so that nothing cancels: from the
+    end with the larger slope.
     """
-    if a == 0.0 and b == 0.0:
+    larger = max(a, b)
+    if larger == 0.0:
         return 0.0
-    u = a / (2.0 * a - b + math.sqrt(a * a - a * b + b * b)) if a > 0.0 else 2.0 / 3.0
-    return u * (1.0 - u) * (a * (1.0 - u) + b * u)
+    share = min(a, b) / larger
+    u = 1.0 / (2.0 - share + math.sqrt(1.0 - share + share * share))
+    return larger * u * (1.0 - u) * (1.0 - u + share * u)
 
 
 @compiled
@@ -155,7 +158,7 @@ def cubic_moments(
 
     Notes
     -----
-    Panels of optical depth 2 at most, each with the three Gauss-Legendre nodes; the optical depth in front of
+    Panels of optical depth 1 at most, each with the three Gauss-Legendre nodes; the optical depth in front of
     a node by the matrix of Gauss's method of order 6; the weights of the nodes are scaled so that they sum to
     the opacity, which is in closed form: extinction is a cubic of u, for which the rule is exact.
     """

@@ -3,7 +3,7 @@
 // Source: cubic Hermite interpolation; Fritsch and Carlson 1980, "Monotone piecewise cubic interpolation" (limiter).
 // Twin: isosample/integral/segment.py
 
-const float SEGMENT_PANEL_DEPTH = 2.0;   // largest optical depth of one panel, unless MAX_SEGMENT_PANELS do not suffice
+const float SEGMENT_PANEL_DEPTH = 1.0;   // largest optical depth of one panel, unless MAX_SEGMENT_PANELS do not suffice
 const int MAX_SEGMENT_PANELS = 24;
 const float SEGMENT_SPENT = 5.9604645e-8; // less transmittance than this (2^-24) ends the integral
 const float SEGMENT_LEAVES = 1e-3;       // part of the band by which a cubic may leave it: it is then clamped
@@ -17,14 +17,14 @@ const vec3 SEGMENT_BEFORE_SECOND = vec3(0.30026319498086457, 0.22222222222222221
 const vec3 SEGMENT_BEFORE_THIRD = vec3(0.26798833376246945, 0.48042111196938336, 0.13888888888888889);
 
 // Largest value of a u (1 - u)^2 + b u^2 (1 - u) on [0, 1], for a, b >= 0.
-//   The derivative vanishes where 3 (a - b) u^2 - 2 (2a - b) u + a = 0, written so that nothing cancels.
+//   The derivative vanishes where 3 (a - b) u^2 - 2 (2a - b) u + a = 0, written so that nothing cancels: from the end with
+//   the larger slope.
 float bump_height(float a, float b) {
-    float size = max(a, b);
-    if (size == 0.0) return 0.0;
-    float share = a / size;
-    float other = b / size;
-    float u = a > 0.0 ? share / (2.0 * share - other + sqrt(share * share - share * other + other * other)) : 2.0 / 3.0;
-    return u * (1.0 - u) * (a * (1.0 - u) + b * u);
+    float larger = max(a, b);
+    if (larger == 0.0) return 0.0;
+    float share = min(a, b) / larger;
+    float u = 1.0 / (2.0 - share + sqrt(1.0 - share + share * share));
+    return larger * u * (1.0 - u) * (1.0 - u + share * u);
 }
 
 // Cubic Hermite interpolant at `u`, not kept in the band.
@@ -82,7 +82,7 @@ float panel_edge(int number, int count, float thickness) {
 // Emission integrals over the part [part.x, part.y] of a segment, along which the position p in the band is a cubic of u:
 // integrals of w tau exp(-D) for w = 1, p, u and u p. `depths` is the extinction at the two ends of the band times the
 // length of the whole segment. A colour that runs linearly over the band gives c_low (x - y) + c_high y.
-//   Panels of optical depth 2 at most, with three Gauss-Legendre nodes each; the depth before a node by the matrix of
+//   Panels of optical depth 1 at most, with three Gauss-Legendre nodes each; the depth before a node by the matrix of
 //   Gauss's method of order 6; the weights are scaled to sum to the opacity, in closed form: the rule is exact for the
 //   depth, as extinction is a cubic of u.
 // Error of rounding: see tests/shaders/test_segment.py.

@@ -3,13 +3,13 @@
 // Twin: isosample/integral/spline.py
 
 // Weights of the four taps at the fraction `u`: the rows of the kernel are cubics of u.
-vec4 tap_weights(mat4 kernel, float u) {
+vec4 tap_weights(vec4 kernel[4], float u) {
     vec4 powers = vec4(1.0, u, u * u, u * u * u);
     return vec4(dot(kernel[0], powers), dot(kernel[1], powers), dot(kernel[2], powers), dot(kernel[3], powers));
 }
 
-// The bicubic; column j of `taps` holds the four coefficients along the first axis in row j.
-float spline_face_value(mat4 taps, vec4 weights_u, vec4 weights_v) {
+// The bicubic; taps[j] holds the four coefficients along the first axis in row j.
+float spline_face_value(vec4 taps[4], vec4 weights_u, vec4 weights_v) {
     return dot(weights_v, vec4(dot(taps[0], weights_u), dot(taps[1], weights_u), dot(taps[2], weights_u),
                                dot(taps[3], weights_u)));
 }
@@ -19,8 +19,8 @@ float largest_bend(vec4 row) { return max(abs(row.x - 2.0 * row.y + row.z), abs(
 
 // Largest difference of normalised values between the bicubic and what the mesh's outline on the face stands for: see
 // face_tolerance. A chord leaves its isoline by (bend along u + bend along v) / 8 + |mixed difference| / 4.
-float spline_face_tolerance(mat4 taps) {
-    mat4 across = transpose(taps);
+float spline_face_tolerance(vec4 taps[4]) {
+    mat4 across = transpose(mat4(taps[0], taps[1], taps[2], taps[3]));
     float bend = 0.0;
     float bend_across = 0.0;
     float low = taps[0].x;

@@ -11,12 +11,9 @@ vec2 box_of_ray(vec3 origin) {
     return box_interval(unit_from_local(origin, 1.0), unit_from_local(ray_direction, 0.0));
 }
 
-// Coefficients around a cell of a smooth face, whose rows are two longer than the samples.
-mat4 face_taps(int corner, int row) {
-    mat4 taps;
-    for (int j = 0; j < 4; ++j)
-        for (int i = 0; i < 4; ++i) taps[j][i] = boundary[corner + j * row + i];
-    return taps;
+// Four coefficients of a smooth face in a row; the rows are two longer than those of samples.
+vec4 face_taps(int corner) {
+    return vec4(boundary[corner], boundary[corner + 1], boundary[corner + 2], boundary[corner + 3]);
 }
 
 // Normalised value on the face where the ray is at `distance`, and how far it may lie on the wrong side of an isovalue:
@@ -38,10 +35,11 @@ vec2 face_value(vec3 origin, float distance) {
     int row = stored[axis_u];
     int corner = offset + cell.y * row + cell.x;
     if (frame.smooth_faces != 0) {
-        mat4 taps = face_taps(corner, row);
-        mat4 kernel = mat4(frame.face_kernel[0], frame.face_kernel[1], frame.face_kernel[2], frame.face_kernel[3]);
-        return vec2(spline_face_value(taps, tap_weights(kernel, part.x), tap_weights(kernel, part.y)),
-                    spline_face_tolerance(taps));
+        vec4 taps[4] = vec4[](face_taps(corner), face_taps(corner + row), face_taps(corner + 2 * row),
+                              face_taps(corner + 3 * row));
+        vec4 weights_u = tap_weights(frame.face_kernel, part.x);
+        vec4 weights_v = tap_weights(frame.face_kernel, part.y);
+        return vec2(spline_face_value(taps, weights_u, weights_v), spline_face_tolerance(taps));
     }
     vec4 corners = vec4(boundary[corner], boundary[corner + 1], boundary[corner + row], boundary[corner + row + 1]);
     return vec2(bilinear(corners, part.x, part.y), face_tolerance(corners));

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from isosample.errors import InputError
+from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.camera import Camera
 from isosample.rendering.pipeline import render
 from isosample.rendering.reference_image import render_reference
@@ -90,17 +91,23 @@ def test_a_hole_of_nan_looks_as_in_the_data_centric_picture(gl: moderngl.Context
         render_reference(volume, tf, camera=camera, size=SIZE)
 
 
-def test_more_isovalues_bring_the_data_centric_picture_closer(gl: moderngl.Context) -> None:
+def test_more_isovalues_and_cubic_segments_bring_the_data_centric_picture_closer(
+    gl: moderngl.Context,
+) -> None:
     """The rest is the flat mesh's: 8 isovalues per slope are closer than 1, and not below the reference's own."""
     volume = sphere_volume(0.0, (1.0, 1.0, 1.0))
     tf = ramp_tf(3.0, 10.0, (0.0, 0.4))
     camera = Camera.orbit(volume.box, azimuth=33, elevation=21)
     exact = render_reference(volume, tf, camera=camera, size=(48, 48)).rgba
-    errors = []
-    for per_slope in (1, 8):
-        rgba, _ = picture(gl, volume, tf, camera, (48, 48), per_slope=per_slope)
-        errors.append(float(np.sqrt(np.mean((rgba - exact) ** 2))))
-    assert 1e-6 < errors[1] < 0.5 * errors[0] < 0.02
+    errors = {}
+    for rule in (SegmentRule.LINEAR, SegmentRule.CUBIC):
+        for per_slope in (1, 8):
+            rgba, _ = picture(gl, volume, tf, camera, (48, 48), per_slope=per_slope, segment=rule)
+            errors[rule, per_slope] = float(np.sqrt(np.mean((rgba - exact) ** 2)))
+    assert 1e-6 < errors[SegmentRule.LINEAR, 8] < 0.5 * errors[SegmentRule.LINEAR, 1] < 0.02
+    assert 1e-6 < errors[SegmentRule.CUBIC, 8] < errors[SegmentRule.LINEAR, 8]
+    # One value per slope: the field is a distance, whose profile along a ray the cubic follows.
+    assert errors[SegmentRule.CUBIC, 1] < 0.5 * errors[SegmentRule.LINEAR, 1]
 
 
 def test_statistics_say_what_the_picture_cost() -> None:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from isosample.integral.optics import segment_weights
+from isosample.integral.segment import cubic_moments
+from isosample.integral.segment_rule import SegmentRule
 from isosample.integral.shading import blinn_phong
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
@@ -47,7 +49,10 @@ def test_a_tilted_plane_has_the_light_of_its_normal_from_both_sides(
     assert np.all(rgba[..., 3] == 1.0)
 
 
-def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(gl: moderngl.Context) -> None:
+@pytest.mark.parametrize("rule", [SegmentRule.LINEAR, SegmentRule.CUBIC])
+def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(
+    gl: moderngl.Context, rule: SegmentRule
+) -> None:
     z, _, _ = np.mgrid[0:5, 0:3, 0:3]
     volume = Volume(z.astype(np.float64))
     red, blue = np.array([1.0, 0.2, 0.0]), np.array([0.0, 0.4, 1.0])
@@ -58,10 +63,11 @@ def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(gl: moderngl.Con
     vertices = scene.vertices.copy()
     for part in scene.levels:
         rows = scene.indices[part.first_index : part.first_index + part.index_count]
-        vertices["gradient"][rows] = tilts[part.level]
+        true_slope = float(vertices["gradient"][rows[0], 2])
+        vertices["gradient"][rows] = true_slope / tilts[part.level][2] * tilts[part.level]
     camera = Camera.orbit(volume.box, zoom=6)  # looks along -z, so the values fall from 4 to 0
     with ABuffer(gl, replace(scene, vertices=vertices)) as abuffer:
-        rgba, _ = abuffer.render(camera, (8, 8), RenderSettings(material=MATERIAL))
+        rgba, _ = abuffer.render(camera, (8, 8), RenderSettings(material=MATERIAL, segment=rule))
     material = [MATERIAL.ambient, MATERIAL.diffuse, MATERIAL.specular, MATERIAL.shininess]
     places = [4.0, *plan.isovalues[::-1], 0.0]
     # A box end has no normal and takes that of the other end of its segment.
@@ -74,12 +80,24 @@ def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(gl: moderngl.Con
             for c, n in zip(ends, normals[i : i + 2], strict=True)
         ]
         length = places[i] - places[i + 1]
-        weights = segment_weights(*(float(tf.evaluate(v)[1]) * length for v in places[i : i + 2]))
-        radiance = radiance + transmittance * (weights[0] * lit[0] + weights[1] * lit[1])
+        depths = [float(tf.evaluate(v)[1]) * length for v in places[i : i + 2]]
+        weights = segment_weights(*depths)
+        if rule is SegmentRule.LINEAR:
+            radiance = radiance + transmittance * (weights[0] * lit[0] + weights[1] * lit[1])
+        else:  # colour and light each run linearly, and so their product of second degree
+            crossed = [
+                blinn_phong(c, n, [0.0, 0.0, -1.0], material)
+                for c, n in zip(ends, normals[i : i + 2][::-1], strict=True)
+            ]
+            seen, high, _, both = cubic_moments(*depths, 0.0, 1.0, 1.0, 1.0, 0.0, 1.0)
+            light = lit[0] * (seen - 2 * high + both) + (crossed[0] + crossed[1]) * (high - both)
+            radiance = radiance + transmittance * (light + lit[1] * both)
         transmittance *= 1.0 - weights.sum()
     error = np.abs(rgba[..., :3] - radiance).max()
-    # Packed normals, 3 segments with weights to 3.8e-6, and roundings of pow (1e-5).
-    assert error <= NORMAL_ERROR * (0.5 + 2.5) + 3 * 3.8e-6 + 1e-5
+    # Packed normals, 3 segments with weights to 3.8e-6, and roundings of pow (1e-5). A cubic's slope is a half float: half
+    # of 2^-10 of it, which moves a position by 4/27 of that at each end of each segment, and the colour with it.
+    half_float = 3 * 2 * 4 / 27 * 2.0**-11 if rule is SegmentRule.CUBIC else 0.0
+    assert error <= NORMAL_ERROR * (0.5 + 2.5) + 3 * 3.8e-6 + 1e-5 + half_float
     assert np.abs(lit[0] - lit[1]).max() > 0.01  # swapped ends would be seen
 
 
