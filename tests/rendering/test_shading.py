@@ -89,13 +89,13 @@ def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(
                 blinn_phong(c, n, [0.0, 0.0, -1.0], material)
                 for c, n in zip(ends, normals[i : i + 2][::-1], strict=True)
             ]
-            seen, high, _, both = cubic_moments(*depths, 0.0, 1.0, 1.0, 1.0, 0.0, 1.0)
+            seen, high, _, both = cubic_moments(depths[0], depths[1], 0.0, 1.0, 1.0, 1.0, 0.0, 1.0)
             light = lit[0] * (seen - 2 * high + both) + (crossed[0] + crossed[1]) * (high - both)
             radiance = radiance + transmittance * (light + lit[1] * both)
         transmittance *= 1.0 - weights.sum()
     error = np.abs(rgba[..., :3] - radiance).max()
-    # Packed normals, 3 segments with weights to 3.8e-6, and roundings of pow (1e-5). A cubic's slope is a half float: half
-    # of 2^-10 of it, which moves a position by 4/27 of that at each end of each segment, and the colour with it.
+    # Packed normals, 3 segments with weights to 3.8e-6, and roundings of pow (1e-5). A cubic's slope is a half float,
+    # off by 2^-11 of it, which moves a position by 4/27 of that at each end of each segment, and the colour with it.
     half_float = 3 * 2 * 4 / 27 * 2.0**-11 if rule is SegmentRule.CUBIC else 0.0
     assert error <= NORMAL_ERROR * (0.5 + 2.5) + 3 * 3.8e-6 + 1e-5 + half_float
     assert np.abs(lit[0] - lit[1]).max() > 0.01  # swapped ends would be seen
