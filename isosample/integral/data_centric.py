@@ -21,7 +21,7 @@ from isosample.integral.segment_rule import SegmentRule
 if TYPE_CHECKING:
     from isosample.integral.crossing_lists import CrossingLists
     from isosample.integral.list_segments import Optics
-    from isosample.integral.list_walk import Levels
+    from isosample.integral.list_spans import Levels
     from isosample.integral.reference import Progress
     from isosample.transfer.isovalue_plan import IsovaluePlan
 
@@ -141,7 +141,7 @@ def prepare(
 ) -> Prepared:
     """Check the arguments of `integrate_lists`; see there."""
     from isosample.integral.list_segments import optics_of
-    from isosample.integral.list_walk import Levels
+    from isosample.integral.list_spans import Levels
 
     for name, number in (("reach", reach), ("least_slope", least_slope)):
         if not 0.0 <= number < np.inf:

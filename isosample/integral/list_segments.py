@@ -71,14 +71,11 @@ class Optics(NamedTuple):
 
 def optics_of(plan: IsovaluePlan, least_slope: float) -> Optics:
     """Return the optics of a plan as contiguous arrays."""
-    count = len(plan.isovalues)
-    area = getattr(plan, "sheet_area", np.zeros(count))
-    sheet_color = getattr(plan, "sheet_color", plan.impulse_color)
     return Optics(
         np.ascontiguousarray(plan.band_extinction),
         np.ascontiguousarray(plan.band_color),
         np.column_stack([plan.impulse_color, plan.impulse_opacity]),
-        np.column_stack([sheet_color, area]),
+        np.column_stack([plan.sheet_color, plan.sheet_area]),
         float(least_slope),
     )
 

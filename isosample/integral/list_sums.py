@@ -9,16 +9,8 @@ import numpy.typing as npt
 
 from isosample.compiled import compiled
 from isosample.integral.list_segments import composite, is_cut, level_light, segment_light, visible_part
-from isosample.integral.list_walk import (
-    COUNTS_SIZE,
-    LEVEL,
-    REORDERED,
-    STEP_SIZE,
-    STEPS,
-    UNPLACED,
-    VIOLATIONS,
-    walk_ray,
-)
+from isosample.integral.list_spans import COUNTS_SIZE, REORDERED, STEPS, UNPLACED, VIOLATIONS
+from isosample.integral.list_walk import LEVEL, STEP_SIZE, walk_ray
 
 if TYPE_CHECKING:
     from isosample.integral.data_centric import Prepared
