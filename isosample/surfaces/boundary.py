@@ -1,4 +1,4 @@
-"""The samples on the six faces of a volume: what a ray needs where it enters and leaves the box."""
+"""The field on the six faces of a volume: what a ray needs where it enters and leaves the box."""
 
 from __future__ import annotations
 
@@ -12,18 +12,22 @@ from isosample.surfaces.mask_faces import MaskFaces
 
 if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray, Volume
+    from isosample.volume.reconstruction import GridSpline
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoundarySlices:
-    """The six faces of a volume's samples, in the volume's own dtype.
+    """The six faces of a volume's samples, in the volume's own dtype, or of its smooth reconstruction.
 
     Attributes
     ----------
     faces : 6 arrays
         In the order x = 0, x = last, both (Z, Y); y = 0, y = last, both (Z, X); z = 0, z = last, both (Y, X).
+        With a kernel: `GridSpline.face_coefficients`, float64, one more on each side of a face.
     mask_faces : MaskFaces or None
         Border of the valid cells where samples are not finite; None where all are.
+    kernel : (4, 4) float64 or None
+        Kernel of the spline as in `GridSpline`; None: bilinear interpolation of samples.
 
     Raises
     ------
@@ -33,6 +37,7 @@ class BoundarySlices:
 
     faces: tuple[SampleArray, ...]
     mask_faces: MaskFaces | None = None
+    kernel: F64 | None = None
 
     def __post_init__(self) -> None:
         if len(self.faces) != 6 or len({face.dtype for face in self.faces}) != 1:
@@ -44,8 +49,11 @@ class BoundarySlices:
             raise InputError(f"the faces of a volume of {z, y, x} samples are {expected}, got {shapes}.")
 
     @classmethod
-    def from_volume(cls, volume: Volume) -> BoundarySlices:
-        """Copy the six faces out of a volume, which may be memory-mapped."""
+    def from_volume(cls, volume: Volume, spline: GridSpline | None = None) -> BoundarySlices:
+        """Copy the six faces out of a volume, which may be memory-mapped, or out of its reconstruction."""
+        if spline is not None:
+            sides = [(axis, side) for axis in range(3) for side in (0, 1)]
+            return cls(faces=tuple(spline.face_coefficients(*place) for place in sides), kernel=spline.kernel)
         a = volume.array
         views = (a[:, :, 0], a[:, :, -1], a[:, 0, :], a[:, -1, :], a[0], a[-1])
         faces = tuple(np.array(view, order="C") for view in views)
@@ -58,7 +66,7 @@ class BoundarySlices:
         return self.faces[2 * axis + side]
 
     def value(self, axis: int, side: int, u: F64, v: F64) -> F64:
-        """Bilinear interpolant on a face.
+        """Bilinear interpolant on a face, or the bicubic spline there.
 
         Parameters
         ----------
@@ -80,6 +88,8 @@ class BoundarySlices:
         """
         face = self.face(axis, side)
         u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        if self.kernel is not None:
+            return _bicubic(face, self.kernel, u, v)
         column, right = _split(u, face.shape[1])
         row, up = _split(v, face.shape[0])
         next_column = np.minimum(column + 1, face.shape[1] - 1)
@@ -89,6 +99,24 @@ class BoundarySlices:
         upper = samples[next_row, column] * (1.0 - right) + samples[next_row, next_column] * right
         value: F64 = lower * (1.0 - up) + upper * up
         return value
+
+
+def _bicubic(face: SampleArray, kernel: F64, u: F64, v: F64) -> F64:
+    """Spline with one coefficient more on each side than there are samples."""
+    coefficients = face.astype(np.float64)
+    column, right = _split(u, coefficients.shape[1] - 2)
+    row, up = _split(v, coefficients.shape[0] - 2)
+    value: F64 = np.zeros(np.broadcast(u, v).shape)
+    for b in range(4):
+        line = sum(_weight(kernel[a], right) * coefficients[row + b, column + a] for a in range(4))
+        value = value + _weight(kernel[b], up) * line
+    return value
+
+
+def _weight(powers: F64, fraction: F64) -> F64:
+    """Cubic polynomial with the given coefficients, lowest power first."""
+    weight: F64 = powers[0] + fraction * (powers[1] + fraction * (powers[2] + fraction * powers[3]))
+    return weight
 
 
 def _split(coordinate: F64, count: int) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.intp]], F64]:

@@ -11,25 +11,44 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, Volume
+    from isosample.volume.reconstruction import GridSpline
+
+NO_KERNEL = np.zeros((4, 4))
+NO_KERNEL.setflags(write=False)
+NO_GRADIENTS = np.zeros((0, 0, 0, 3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BrickSamples:
-    """What the kernel needs of one brick, for every isovalue.
+    """What the kernels need of one brick, for every isovalue.
 
     Attributes
     ----------
     values : (Z, Y, X) float64
-        Samples in data units, all finite (any number stands where a sample is masked).
-    gradients : (Z · Y · X, 3) float64
-        Derivative per sample step along x, y, z at the samples [data units / voxel].
+        The field at the samples in data units, all finite (any number stands where a sample is masked).
+    gradients : (Z, Y, X, 3) float64
+        Derivative per sample step along x, y, z at the samples [data units / voxel]; empty with a smooth
+        reconstruction, which knows its gradient everywhere.
     usable_cells : (Z - 1, Y - 1, X - 1) bool or None
         Cells whose eight corners are all samples, not masked; None = all.
+    coefficients : (…) float64
+        Of the trilinear field: the brick's samples with one more on each side, NaN outside the volume and
+        where masked. Of a smooth one: those of the spline, of the whole volume.
+    kernel : (4, 4) float64
+        The kernel of the spline.
+    smooth : bool
+        Which of the two it is.
+    origin : (3,) float64
+        Added to the brick's own index coordinates it gives those of the coefficients.
     """
 
     values: F64
     gradients: F64
     usable_cells: npt.NDArray[np.bool_] | None
+    coefficients: F64
+    kernel: F64
+    smooth: bool
+    origin: F64
 
 
 def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
@@ -43,14 +62,47 @@ def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
     """
     padded = _padded_samples(volume, brick)
     core = padded[1:-1, 1:-1, 1:-1]
-    gradients = np.stack([_difference(padded, 2 - axis).ravel() for axis in range(3)], axis=1)
+    gradients = np.stack([_difference(padded, 2 - axis) for axis in range(3)], axis=-1)
+    padded.setflags(write=False)
     finite = np.isfinite(core)
-    if finite.all():
-        return BrickSamples(values=np.ascontiguousarray(core), gradients=gradients, usable_cells=None)
-    usable = finite[:-1] & finite[1:]
-    usable = usable[:, :-1] & usable[:, 1:]
-    usable = usable[:, :, :-1] & usable[:, :, 1:]
-    return BrickSamples(values=np.where(finite, core, 0.0), gradients=gradients, usable_cells=usable)
+    usable: npt.NDArray[np.bool_] | None = None
+    if not finite.all():
+        usable = finite[:-1] & finite[1:]
+        usable = usable[:, :-1] & usable[:, 1:]
+        usable = usable[:, :, :-1] & usable[:, :, 1:]
+    return BrickSamples(
+        values=np.ascontiguousarray(core) if usable is None else np.where(finite, core, 0.0),
+        gradients=gradients,
+        usable_cells=usable,
+        coefficients=padded,
+        kernel=NO_KERNEL,
+        smooth=False,
+        origin=np.zeros(3),
+    )
+
+
+def spline_brick(nodes: Volume, spline: GridSpline, brick: Brick) -> BrickSamples:
+    """Return one brick of a smooth reconstruction, given also at the samples (`nodes`), all finite."""
+    return BrickSamples(
+        values=np.ascontiguousarray(nodes.array[brick.slices], dtype=np.float64),
+        gradients=NO_GRADIENTS,
+        usable_cells=None,
+        coefficients=spline.coefficients,
+        kernel=spline.kernel,
+        smooth=True,
+        origin=np.array(brick.start, dtype=np.float64),
+    )
+
+
+def gradients_at(brick: BrickSamples, positions: F64) -> F64:
+    """(N, 3) float64, gradients at places in the brick's coordinates: the spline's, or interpolated differences."""
+    from isosample.surfaces.field_kernels import vertex_gradients
+
+    found = np.empty_like(positions)
+    vertex_gradients(
+        brick.coefficients, brick.kernel, brick.smooth, brick.origin, brick.gradients, positions, found
+    )
+    return found
 
 
 def _padded_samples(volume: Volume, brick: Brick) -> F64:

@@ -1,7 +1,7 @@
 """The mesh cache: a folder per volume from which a scene is rendered again without the volume.
 
-    volume.json          geometry, value range, dtype and content hash of the volume
-    boundary.npz         samples on its six faces
+    volume.json          geometry and content hash of the volume
+    boundary.npz         samples on its six faces, value range; boundary-cubic.npz etc.: of a reconstruction
     surfaces/<key>.npz   one isosurface, all its bricks; the key names content, isovalue and settings
     scene.json           transfer function, plan, and the surfaces that they need
 
@@ -11,38 +11,33 @@ Every file is replaced whole, carries the format's version, and is checked again
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isosample.errors import CacheError
-from isosample.surfaces.boundary import BoundarySlices
+from isosample.surfaces.boundary_files import boundary_path, read_boundary, write_boundary
 from isosample.surfaces.cache_files import (
     REMEDY,
-    Arrays,
     digest_of,
-    read_arrays,
     read_json,
-    write_arrays,
     write_json,
 )
 from isosample.surfaces.extract import (
-    ExtractionSettings,
     ExtractionStatistics,
     SurfaceSet,
-    check_isovalues,
-    check_volume,
-    count_per_level,
     extract_surfaces,
 )
-from isosample.surfaces.mask_faces import MaskFaces
+from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.surface_files import read_surface, surface_key, surface_path, write_surface
+from isosample.surfaces.surface_set import count_per_level
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import BRICK_CELLS, bricks_of
 from isosample.volume.grid import SCAN_BYTES, GridGeometry
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -110,7 +105,7 @@ def write_cache(
         If the folder belongs to another volume or format version, is damaged, or cannot be written.
     """
     folder = Path(folder)
-    _write_volume(folder, surfaces, content_hash, name)
+    boundary = _write_volume(folder, surfaces, content_hash, name)
     files = []
     for level, isovalue in enumerate(surfaces.isovalues.tolist()):
         key = surface_key(content_hash, isovalue, surfaces.settings)
@@ -123,7 +118,8 @@ def write_cache(
         )
     scene = {
         "content_hash": content_hash,
-        "settings": asdict(surfaces.settings),
+        "settings": surfaces.settings.to_dict(),
+        "boundary_sha256": boundary,
         "transfer_function": transfer_function.to_dict(),
         "plan": plan.to_dict(),
         "surfaces": files,
@@ -146,7 +142,8 @@ def load_cache(folder: str | Path) -> CachedScene:
         raise CacheError(f"{folder / 'scene.json'} is of another volume than volume.json. {REMEDY}")
     isovalues = [float.fromhex(entry["isovalue"]) for entry in scene["surfaces"]]
     digests = {entry["key"]: entry["sha256"] for entry in scene["surfaces"]}
-    settings = ExtractionSettings(**scene["settings"])
+    digests["boundary"] = scene["boundary_sha256"]
+    settings = ExtractionSettings.from_dict(scene["settings"])
     return CachedScene(
         surfaces=_read_surfaces(folder, volume, check_isovalues(isovalues), settings, digests),
         transfer_function=TransferFunction.from_dict(scene["transfer_function"]),
@@ -161,6 +158,9 @@ def load_surface_set(
     *,
     brick_cells: int = BRICK_CELLS,
     nan_masked: bool = False,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int = 1,
+    residuals: bool = False,
 ) -> SurfaceSet:
     """Return surfaces of a cache folder, which were extracted with the same settings.
 
@@ -172,7 +172,13 @@ def load_surface_set(
         As `load_cache`; also if a surface is not there (names the isovalue).
     """
     folder = Path(folder)
-    settings = ExtractionSettings(brick_cells=brick_cells, nan_masked=nan_masked)
+    settings = ExtractionSettings(
+        brick_cells=brick_cells,
+        nan_masked=nan_masked,
+        reconstruction=reconstruction,
+        refine=refine,
+        residuals=residuals,
+    )
     return _read_surfaces(folder, _read_volume(folder), check_isovalues(isovalues), settings, {})
 
 
@@ -183,13 +189,16 @@ def extract_with_cache(
     *,
     brick_cells: int = BRICK_CELLS,
     nan_masked: bool = False,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int = 1,
+    residuals: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume, of which those in the folder are read and the others added to it.
 
     Parameters
     ----------
-    volume, isovalues, brick_cells, nan_masked, progress
+    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, progress
         As for `extract_surfaces`.
     folder : path
         The volume's cache folder, made if absent.
@@ -208,14 +217,22 @@ def extract_with_cache(
         If the folder belongs to another volume or format version, is damaged, or cannot be written.
     """
     folder = Path(folder)
-    settings = ExtractionSettings(brick_cells=brick_cells, nan_masked=nan_masked)
+    settings = ExtractionSettings(
+        brick_cells=brick_cells,
+        nan_masked=nan_masked,
+        reconstruction=reconstruction,
+        refine=refine,
+        residuals=residuals,
+    )
     levels = check_isovalues(isovalues)
     check_volume(volume, settings)
     volume_hash = content_hash(volume)
     _check_owner(folder, volume_hash)
     keys = [surface_key(volume_hash, isovalue, settings) for isovalue in levels.tolist()]
     missing = np.array([not surface_path(folder, key).exists() for key in keys], dtype=np.bool_)
-    extracted = extract_surfaces(volume, levels[missing], **asdict(settings), progress=progress)
+    if not missing.any() and boundary_path(folder, settings).exists():
+        return _read_surfaces(folder, _read_volume(folder), levels, settings, {})
+    extracted = extract_surfaces(volume, levels[missing], **_as_keywords(settings), progress=progress)
     _write_volume(folder, extracted, volume_hash, volume.name)
     for level, place in enumerate(np.flatnonzero(missing)):
         write_surface(surface_path(folder, keys[place]), keys[place], extracted.pieces(level))
@@ -232,6 +249,10 @@ def extract_with_cache(
     return replace(extracted, isovalues=levels, meshes=tuple(meshes), statistics=statistics)
 
 
+def _as_keywords(settings: ExtractionSettings) -> dict[str, Any]:
+    return {field.name: getattr(settings, field.name) for field in fields(settings)}
+
+
 def _check_owner(folder: Path, content_hash: str) -> bool:
     """Tell whether a folder is the volume's already; raise `CacheError` if it is another one's."""
     if not (folder / "volume.json").exists():
@@ -245,24 +266,14 @@ def _check_owner(folder: Path, content_hash: str) -> bool:
     return True
 
 
-def _write_volume(folder: Path, surfaces: SurfaceSet, content_hash: str, name: str) -> None:
-    """Write boundary.npz and volume.json unless the volume's are there; refuse another volume's folder."""
-    if _check_owner(folder, content_hash):
-        return
-    faces: Arrays = {f"face_{number}": face for number, face in enumerate(surfaces.boundary.faces)}
-    mask = surfaces.boundary.mask_faces
-    if mask is not None:
-        faces |= {f"mask_{field.name}": getattr(mask, field.name) for field in fields(mask)}
-    digest = write_arrays(folder / "boundary.npz", {"content_hash": content_hash}, faces)
-    entries = {
-        "name": name,
-        "content_hash": content_hash,
-        "geometry": surfaces.geometry.to_dict(),
-        "dtype": surfaces.boundary.faces[0].dtype.str,
-        "value_range": list(surfaces.value_range),
-        "boundary_sha256": digest,
-    }
-    write_json(folder / "volume.json", "cache", entries)
+def _write_volume(folder: Path, surfaces: SurfaceSet, content_hash: str, name: str) -> str:
+    """Write what is not there of volume.json and the boundary, whose digest is returned; refuse another volume."""
+    known = _check_owner(folder, content_hash)
+    digest = write_boundary(folder, content_hash, surfaces, keep=known)
+    if not known:
+        entries = {"name": name, "content_hash": content_hash, "geometry": surfaces.geometry.to_dict()}
+        write_json(folder / "volume.json", "cache", entries)
+    return digest
 
 
 def _read_volume(folder: Path) -> dict[str, Any]:
@@ -274,35 +285,23 @@ def _read_volume(folder: Path) -> dict[str, Any]:
     return read_json(folder / "volume.json", "cache")
 
 
-def _boundary(arrays: Arrays) -> BoundarySlices:
-    """Return the boundary from the arrays of boundary.npz."""
-    mask = {name.removeprefix("mask_"): array for name, array in arrays.items() if name.startswith("mask_")}
-    return BoundarySlices(
-        faces=tuple(arrays[f"face_{number}"] for number in range(6)),
-        mask_faces=MaskFaces(**mask) if mask else None,  # type: ignore[arg-type]  # checked when read
-    )
-
-
 def _read_surfaces(
     folder: Path, volume: dict[str, Any], levels: F64, settings: ExtractionSettings, digests: dict[str, str]
 ) -> SurfaceSet:
-    """Read the surfaces of all levels; `digests` by key where a scene pins them."""
+    """Read the surfaces of all levels; `digests` by key, and of the boundary, where a scene pins them."""
     volume_hash = volume["content_hash"]
     meshes: list[BrickMesh] = []
     for isovalue in levels.tolist():
         key = surface_key(volume_hash, isovalue, settings)
         meshes += read_surface(folder, key, isovalue, digests.get(key))
-    faces, _ = read_arrays(
-        folder / "boundary.npz", {"content_hash": volume_hash}, digest=volume["boundary_sha256"]
-    )
+    boundary, value_range = read_boundary(folder, volume_hash, settings, digests.get("boundary"))
     geometry = GridGeometry.from_dict(volume["geometry"])
-    low, high = volume["value_range"]
     return SurfaceSet(
         geometry=geometry,
         isovalues=levels,
         meshes=tuple(meshes),
-        boundary=_boundary(faces),
-        value_range=(low, high),
+        boundary=boundary,
+        value_range=value_range,
         settings=settings,
         statistics=ExtractionStatistics(
             bricks_total=len(bricks_of(geometry.size_xyz, settings.brick_cells)),

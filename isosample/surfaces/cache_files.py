@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 2: reconstruction, refinement, residuals
 REMEDY = "Delete the folder and run `isosample precompute` again."
 
 # What reading a damaged archive raises; RuntimeError comes from flipped encryption and compression flags.

@@ -4,121 +4,31 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isosample.errors import InputError
 from isosample.surfaces.boundary import BoundarySlices
-from isosample.surfaces.brick_samples import BrickSamples, load_brick
-from isosample.surfaces.marching_cubes import LARGEST_BRICK_CELLS, march
-from isosample.surfaces.mesh import BrickMesh, Mesh, weld
+from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
+from isosample.surfaces.marching_cubes import march
+from isosample.surfaces.mesh import BrickMesh, Mesh
+from isosample.surfaces.mesh_error import measure
+from isosample.surfaces.refine import NamedMesh, refined, settle_centres
+from isosample.surfaces.settings import ExtractionSettings as ExtractionSettings
+from isosample.surfaces.settings import check_isovalues as check_isovalues
+from isosample.surfaces.settings import check_volume as check_volume
+from isosample.surfaces.surface_set import ExtractionStatistics as ExtractionStatistics
+from isosample.surfaces.surface_set import SurfaceSet as SurfaceSet
+from isosample.surfaces.surface_set import count_per_level
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
+from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from isosample.volume.bricks import Brick
-    from isosample.volume.grid import F64, GridGeometry, Volume
-
-LARGEST_SPAN = float(np.finfo(np.float32).max)  # gradients are float32
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExtractionSettings:
-    """What decides about the meshes, besides the samples and the isovalue.
-
-    Attributes
-    ----------
-    brick_cells : int
-        Cells per brick along each axis, 1 to 128.
-    nan_masked : bool
-        Whether cells with a non-finite corner are left out; otherwise such samples are an error.
-    """
-
-    brick_cells: int = BRICK_CELLS
-    nan_masked: bool = False
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.brick_cells <= LARGEST_BRICK_CELLS:
-            raise InputError(
-                f"bricks of {self.brick_cells} cells are not possible; choose 1 to {LARGEST_BRICK_CELLS}."
-            )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExtractionStatistics:
-    """What an extraction did and what it skipped.
-
-    Attributes
-    ----------
-    bricks_total : int
-        Bricks of the volume.
-    brick_visits : int
-        (brick, isovalue) pairs whose samples lie on both sides of the isovalue: these were extracted.
-    brick_visits_skipped : int
-        (brick, isovalue) pairs that the range of the brick ruled out.
-    triangles, vertices : tuple of int
-        Per level, summed over the bricks; a vertex that bricks share counts in each.
-    levels_reused : int
-        Levels that came from a cache and were not extracted.
-    """
-
-    bricks_total: int
-    brick_visits: int
-    brick_visits_skipped: int
-    triangles: tuple[int, ...]
-    vertices: tuple[int, ...]
-    levels_reused: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SurfaceSet:
-    """The isosurfaces of one volume, with all that a renderer needs in place of the volume.
-
-    Attributes
-    ----------
-    geometry : GridGeometry
-        Places the samples in world space.
-    isovalues : (K,) float64
-        Strictly ascending, in data units.
-    meshes : tuple of BrickMesh
-        Ordered by (level, brick); pieces without triangles are left out.
-    boundary : BoundarySlices
-        Samples on the faces of the volume.
-    value_range : 2 floats
-        Smallest and largest finite sample, in data units.
-    settings : ExtractionSettings
-    statistics : ExtractionStatistics
-    """
-
-    geometry: GridGeometry
-    isovalues: F64
-    meshes: tuple[BrickMesh, ...]
-    boundary: BoundarySlices
-    value_range: tuple[float, float]
-    settings: ExtractionSettings
-    statistics: ExtractionStatistics
-
-    def pieces(self, level: int) -> tuple[BrickMesh, ...]:
-        """Return the meshes of one level, in the order of the bricks.
-
-        Raises
-        ------
-        InputError
-            If there is no such level.
-        """
-        if not 0 <= level < len(self.isovalues):
-            raise InputError(
-                f"level {level} does not exist; there are {len(self.isovalues)}, counted from 0."
-            )
-        isovalue = float(self.isovalues[level])
-        return tuple(mesh for mesh in self.meshes if mesh.isovalue == isovalue)
-
-    def mesh(self, level: int) -> Mesh:
-        """Return one level as a welded mesh in world space; raises as `pieces` does."""
-        return weld(self.pieces(level), self.geometry, isovalue=float(self.isovalues[level]))
+    from isosample.volume.grid import F64, Volume
 
 
 def extract_surfaces(
@@ -127,6 +37,9 @@ def extract_surfaces(
     *,
     brick_cells: int = BRICK_CELLS,
     nan_masked: bool = False,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int = 1,
+    residuals: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume at the given values.
@@ -134,7 +47,8 @@ def extract_surfaces(
     Parameters
     ----------
     volume : Volume
-        At least 2 samples along each axis; read brick by brick, so a memory-mapped file stays mapped.
+        At least 2 samples along each axis; read brick by brick, so a memory-mapped file stays mapped (a smooth
+        reconstruction needs it whole, in float64).
     isovalues : (K,) float64
         Strictly ascending, finite, in data units. A value outside the data's range gives an empty surface.
         A sample equal to an isovalue counts as inside.
@@ -142,6 +56,15 @@ def extract_surfaces(
         Cells per brick along each axis, 1 to 128. Geometry does not depend on it, bit for bit.
     nan_masked : bool
         True: cells with a non-finite corner have no triangles, and surfaces end there, open.
+    reconstruction : Reconstruction
+        The field between the samples. With a smooth one vertices lie on its isosurface and gradients are its
+        own; else gradients are central differences.
+    refine : int
+        1, 2, 4 or 8: into how many pieces an edge of the mesh may be divided where the surface bends; see
+        `isosample.surfaces.refine`. The topology stays that of marching cubes.
+    residuals : bool
+        True: measure how far the triangles are from the isosurface (`BrickMesh.residuals`,
+        `SurfaceSet.mesh_errors`), about as long again as the extraction.
     progress : callable, optional
         Called with (bricks done, bricks to do) after every brick.
 
@@ -152,17 +75,25 @@ def extract_surfaces(
     Raises
     ------
     InputError
-        If an axis has a single sample, the isovalues are not as above, samples are not finite and not masked,
-        or the data span more than float32 can hold.
+        If an axis has a single sample, the isovalues are not as above, samples are not finite and not masked
+        (a smooth reconstruction cannot mask), the data span more than float32 can hold, or a setting is impossible.
     """
-    settings = ExtractionSettings(brick_cells=brick_cells, nan_masked=nan_masked)
+    settings = ExtractionSettings(
+        brick_cells=brick_cells,
+        nan_masked=nan_masked,
+        reconstruction=reconstruction,
+        refine=refine,
+        residuals=residuals,
+    )
     levels = check_isovalues(isovalues)
     check_volume(volume, settings)
+    spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
+    nodes = _values_at_samples(volume, reconstruction, spline)
     bricks = bricks_of(volume.size_xyz, brick_cells)
-    active = _active_levels(brick_ranges(volume, bricks), levels)
+    active = _active_levels(brick_ranges(nodes, bricks), levels)
     visits = [(bricks[row], levels[active[row]]) for row in np.flatnonzero(active.any(axis=1))]
     meshes: list[BrickMesh] = []
-    for done, found in enumerate(_visit_bricks(volume, visits), start=1):
+    for done, found in enumerate(_visit_bricks(nodes, spline, visits, settings), start=1):
         meshes += found
         if progress is not None:
             progress(done, len(visits))
@@ -171,8 +102,8 @@ def extract_surfaces(
         geometry=volume.geometry,
         isovalues=levels,
         meshes=tuple(meshes),
-        boundary=BoundarySlices.from_volume(volume),
-        value_range=volume.value_range,
+        boundary=BoundarySlices.from_volume(volume, spline),
+        value_range=volume.value_range if spline is None else spline.value_range,
         settings=settings,
         statistics=ExtractionStatistics(
             bricks_total=len(bricks),
@@ -185,13 +116,18 @@ def extract_surfaces(
 
 
 def extract_meshes(
-    volume: Volume, isovalues: Sequence[float] | F64, *, nan_masked: bool = False
+    volume: Volume,
+    isovalues: Sequence[float] | F64,
+    *,
+    nan_masked: bool = False,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int = 1,
 ) -> list[Mesh]:
     """Return one welded mesh in world space per isovalue.
 
     Parameters
     ----------
-    volume, isovalues, nan_masked
+    volume, isovalues, nan_masked, reconstruction, refine
         As for `extract_surfaces`.
 
     Returns
@@ -204,78 +140,60 @@ def extract_meshes(
     InputError
         As `extract_surfaces`.
     """
-    surfaces = extract_surfaces(volume, isovalues, nan_masked=nan_masked)
+    surfaces = extract_surfaces(
+        volume, isovalues, nan_masked=nan_masked, reconstruction=reconstruction, refine=refine
+    )
     return [surfaces.mesh(level) for level in range(len(surfaces.isovalues))]
 
 
-def check_isovalues(isovalues: Sequence[float] | F64) -> F64:
-    """Return isovalues as a read-only (K,) float64 array, or raise InputError naming what is wrong."""
-    try:
-        levels = np.array(isovalues, dtype=np.float64)
-    except (TypeError, ValueError):
-        levels = np.array(np.nan)
-    if levels.ndim != 1 or not np.isfinite(levels).all():
-        raise InputError(f"isovalues {isovalues!r} must be a list of finite numbers.")
-    if (np.diff(levels) <= 0).any():
-        at = int(np.flatnonzero(np.diff(levels) <= 0)[0])
-        raise InputError(
-            f"isovalue {levels[at + 1]} at place {at + 1} does not exceed {levels[at]} before it; "
-            "pass them in ascending order, each once."
-        )
-    levels.setflags(write=False)
-    return levels
-
-
-def check_volume(volume: Volume, settings: ExtractionSettings) -> None:
-    """Raise InputError if a volume has no cells, unexpected non-finite samples, or too wide a range."""
-    if min(volume.size_xyz) < 2:
-        raise InputError(
-            f"{volume.name} has {volume.size_xyz} samples (x, y, z); "
-            "a volume needs at least 2 samples along each axis to have surfaces."
-        )
-    nan_count, infinity_count = volume.nonfinite_counts
-    if nan_count + infinity_count and not settings.nan_masked:
-        raise InputError(
-            f"{volume.name} has {nan_count} NaN and {infinity_count} infinite samples; surfaces need finite "
-            "ones. Pass --nan masked (nan_masked=True) to leave out the cells that they touch."
-        )
-    low, high = volume.value_range
-    if high / 2 - low / 2 > LARGEST_SPAN / 2:
-        raise InputError(
-            f"{volume.name} ranges from {low} to {high}, more than float32 gradients can hold. "
-            "Rescale the data."
-        )
-
-
-def extract_brick(samples: BrickSamples, isovalue: float, brick: Brick, geometry: GridGeometry) -> BrickMesh:
+def extract_brick(
+    samples: BrickSamples, isovalue: float, brick: Brick, volume: Volume, settings: ExtractionSettings
+) -> BrickMesh:
     """Return one isosurface in one brick, vertices named in the whole volume, wound for world space."""
     local = march(samples, isovalue)
     z, y, x = np.unravel_index(local.samples, samples.values.shape)
-    size_x, size_y, size_z = geometry.size_xyz
+    size_x, size_y, size_z = volume.size_xyz
     linear = (x + brick.start[0]) + size_x * ((y + brick.start[1]) + size_y * (z + brick.start[2]))
     sample_count = size_x * size_y * size_z
     keys = np.where(local.axes < 3, local.axes + 3 * linear, 3 * sample_count + linear)
-    mirrored = np.linalg.det(geometry.direction) < 0
+    named = NamedMesh(local.positions, local.gradients, keys.astype(np.int64), local.triangles)
+    if samples.smooth or settings.rounds:
+        named = settle_centres(named, samples, isovalue, np.flatnonzero(local.axes == 3))
+    named = refined(named, samples, isovalue, settings.rounds)
+    gradients, error = named.gradients.astype(np.float32), None
+    residuals = np.zeros((len(named.positions), 2), dtype=np.float32)
+    if settings.residuals:
+        residuals, error = measure(samples, isovalue, named.positions, gradients, named.triangles)
+    mirrored = np.linalg.det(volume.direction) < 0
     return BrickMesh(
         isovalue=isovalue,
         brick=brick.index,
         start=brick.start,
-        positions=local.positions,
-        gradients=local.gradients,
-        edge_keys=keys.astype(np.int64),
-        triangles=np.ascontiguousarray(local.triangles[:, [0, 2, 1]]) if mirrored else local.triangles,
+        positions=named.positions.astype(np.float32),
+        gradients=gradients,
+        edge_keys=named.keys,
+        triangles=np.ascontiguousarray(named.triangles[:, [0, 2, 1]]) if mirrored else named.triangles,
+        residuals=residuals,
+        error=error,
     )
 
 
-def count_per_level(levels: F64, meshes: Sequence[BrickMesh], field: str) -> tuple[int, ...]:
-    """Return the rows of a field of the meshes per level, summed over the bricks."""
-    level_of = np.searchsorted(levels, [mesh.isovalue for mesh in meshes]).astype(np.int64)
-    totals = np.zeros(len(levels), dtype=np.int64)
-    np.add.at(totals, level_of, np.array([len(getattr(mesh, field)) for mesh in meshes], dtype=np.int64))
-    return tuple(totals.tolist())
+def _values_at_samples(volume: Volume, reconstruction: Reconstruction, spline: GridSpline | None) -> Volume:
+    """Return the field at the samples: they themselves, except where the reconstruction smooths them.
+
+    A cubic spline passes through the samples up to rounding, which would tear plateaus that equal an isovalue.
+    """
+    if spline is None or reconstruction is Reconstruction.CUBIC:
+        return volume
+    return replace(volume, array=spline.samples())
 
 
-def _visit_bricks(volume: Volume, visits: Sequence[tuple[Brick, F64]]) -> Iterator[list[BrickMesh]]:
+def _visit_bricks(
+    nodes: Volume,
+    spline: GridSpline | None,
+    visits: Sequence[tuple[Brick, F64]],
+    settings: ExtractionSettings,
+) -> Iterator[list[BrickMesh]]:
     """Yield the meshes of every brick, in order, extracted by one thread per core.
 
     numpy releases the interpreter's lock inside its loops: two threads on two free cores take 0.6 times as
@@ -284,8 +202,8 @@ def _visit_bricks(volume: Volume, visits: Sequence[tuple[Brick, F64]]) -> Iterat
 
     def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
         brick, isovalues = task
-        samples = load_brick(volume, brick)
-        found = (extract_brick(samples, value, brick, volume.geometry) for value in isovalues.tolist())
+        samples = load_brick(nodes, brick) if spline is None else spline_brick(nodes, spline, brick)
+        found = (extract_brick(samples, value, brick, nodes, settings) for value in isovalues.tolist())
         return [mesh for mesh in found if len(mesh.triangles)]
 
     pool = ThreadPoolExecutor(max_workers=os.cpu_count())

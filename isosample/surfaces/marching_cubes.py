@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.surfaces.brick_samples import gradients_at
 from isosample.surfaces.case_tables import (
     EDGE_AXIS,
     EDGE_LOWER_CORNER,
@@ -15,15 +16,12 @@ from isosample.surfaces.case_tables import (
     FACE_CORNERS,
     case_table,
 )
+from isosample.surfaces.positions import POSITION_STEPS, SMALLEST_FRACTION
 
 if TYPE_CHECKING:
     from isosample.surfaces.brick_samples import BrickSamples
-    from isosample.surfaces.mesh import F32, I32, I64
+    from isosample.surfaces.mesh import I32, I64
     from isosample.volume.grid import F64
-
-SMALLEST_FRACTION = 2.0**-14  # a vertex keeps this distance from the samples [voxel]: no zero-area triangle
-POSITION_STEPS = 2.0**17  # positions are multiples of 1/POSITION_STEPS [voxel]
-LARGEST_BRICK_CELLS = 128  # float32 holds multiples of 2**-17 exactly up to 128
 
 U8 = npt.NDArray[np.uint8]
 
@@ -34,8 +32,10 @@ class LocalMesh:
 
     Attributes
     ----------
-    positions, gradients : (V, 3) float32
-        As in `BrickMesh`.
+    positions : (V, 3) float64
+        Index coordinates (x, y, z) relative to the brick's first sample, multiples of 2**-17 [voxel].
+    gradients : (V, 3) float64
+        Derivative per sample step along x, y, z [data units / voxel].
     axes : (V,) int64
         Axis of the grid edge that holds the vertex; 3 for a vertex inside a cell.
     samples : (V,) int64
@@ -44,8 +44,8 @@ class LocalMesh:
         Counter-clockwise in index coordinates (x, y, z) seen from the side of falling values.
     """
 
-    positions: F32
-    gradients: F32
+    positions: F64
+    gradients: F64
     axes: I64
     samples: I64
     triangles: I32
@@ -75,9 +75,11 @@ def march(brick: BrickSamples, isovalue: float) -> LocalMesh:
 
     Notes
     -----
-    A vertex lies where the linear interpolant along its grid edge takes the isovalue, kept 2**-14 voxel away
-    from the two samples and rounded to 2**-17 voxel. The first moves it by at most 2**-14 voxel, and only
-    where a sample is (almost) equal to the isovalue; without it such a sample would collapse triangles.
+    A vertex lies where the field along its grid edge takes the isovalue, kept 2**-14 voxel away from the two
+    samples and rounded to 2**-17 voxel. The first moves it by at most 2**-14 voxel, and only where a sample
+    is (almost) equal to the isovalue; without it such a sample would collapse triangles. Its gradient is that
+    of a smooth reconstruction there, or central differences interpolated along the edge. A vertex inside a
+    cell lies at the mean of those around it, with the mean of their gradients.
 
     Ambiguous faces are decided by the bilinear interpolant's saddle (Nielson and Hamann, "The asymptotic
     decider", Visualization 1991). Tunnels inside a cell (the interior test of marching cubes 33) are not
@@ -99,8 +101,8 @@ def march(brick: BrickSamples, isovalue: float) -> LocalMesh:
         inner = _centre_vertices(cells, numbers, vertex_of_name, positions, gradients, brick.values.shape)
         positions, gradients = np.concatenate([positions, inner[0]]), np.concatenate([gradients, inner[1]])
     return LocalMesh(
-        positions=positions.astype(np.float32),
-        gradients=gradients.astype(np.float32),
+        positions=positions,
+        gradients=gradients,
         axes=axes,
         samples=samples,
         triangles=vertex_of_name[corner_of_row],
@@ -169,13 +171,34 @@ def _edge_vertices(brick: BrickSamples, isovalue: float, axes: I64, samples: I64
     values = brick.values.ravel()
     low = values[samples]
     fraction = (isovalue - low) / (values[far] - low)
+    positions = _coordinates(samples, brick.values.shape)[::-1].T.astype(np.float64)
+    if brick.smooth:
+        _take_roots(brick, isovalue, positions, axes, low >= isovalue, fraction)
     np.clip(fraction, SMALLEST_FRACTION, 1.0 - SMALLEST_FRACTION, out=fraction)
     fraction = np.rint(fraction * POSITION_STEPS) / POSITION_STEPS
-    positions = _coordinates(samples, brick.values.shape)[::-1].T.astype(np.float64)
     positions[np.arange(axes.size), axes] += fraction
-    near_gradient = brick.gradients[samples]
-    gradients = near_gradient + fraction[:, None] * (brick.gradients[far] - near_gradient)
+    if brick.smooth:
+        return positions, gradients_at(brick, positions)
+    nodes = brick.gradients.reshape(-1, 3)
+    near_gradient = nodes[samples]
+    gradients = near_gradient + fraction[:, None] * (nodes[far] - near_gradient)
     return positions, gradients
+
+
+def _take_roots(
+    brick: BrickSamples,
+    isovalue: float,
+    lowers: F64,
+    axes: I64,
+    low_inside: npt.NDArray[np.bool_],
+    fraction: F64,
+) -> None:
+    """Replace the roots of the linear interpolant by those of the spline, in place."""
+    from isosample.surfaces.field_kernels import edge_roots
+
+    np.clip(fraction, 0.0, 1.0, out=fraction)
+    starts = lowers + brick.origin
+    edge_roots(brick.coefficients, brick.kernel, isovalue, starts, axes, low_inside, fraction)
 
 
 def _centre_vertices(

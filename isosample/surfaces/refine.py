@@ -1,0 +1,134 @@
+r"""Refined extraction: triangles of marching cubes divided where the isosurface bends away from them.
+
+In each of log2(`refine`) rounds every edge whose middle lies more than `REFINE_TOLERANCE` from the isosurface is
+divided by a vertex on the isosurface, and the triangles follow (red-green division, see `division`). The decision
+and the vertex depend on the two ends of the edge and the field alone. So the two triangles at an edge, and the two
+bricks at an edge on a brick's border, agree bit for bit, and no crack opens.
+
+- The new vertex is looked for at right angles to the edge, along the gradient as far as that goes, at most half the
+  edge's length away and inside the edge's cell. Where the isosurface is not there (where it has another topology than
+  marching cubes gave it, or runs along the gradient of the edge) the edge stays whole.
+- An edge on a grid plane keeps its vertex on the plane, where the trilinear field is unambiguous: the isosurface's
+  curve in the plane is followed, and the border of the mesh stays on the border of the volume.
+- Vertices inside cells, which marching cubes puts at the mean of their neighbours, are moved onto the isosurface.
+
+The topology stays that of marching cubes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.surfaces.brick_samples import gradients_at
+from isosample.surfaces.division import WHOLE, divide_triangles
+
+if TYPE_CHECKING:
+    from isosample.surfaces.brick_samples import BrickSamples
+    from isosample.surfaces.mesh import I32, I64
+    from isosample.volume.grid import F64
+
+REFINE_TOLERANCE = 1e-3  # an edge whose middle is nearer to the isosurface stays whole [voxel]
+CENTRE_REACH = 0.5  # how far a vertex inside a cell may move onto the isosurface [voxel]
+
+U64 = npt.NDArray[np.uint64]
+
+
+class NamedMesh(NamedTuple):
+    """A mesh in a brick: positions (V, 3) and gradients (V, 3) float64, keys (V,) int64, triangles (T, 3) int32."""
+
+    positions: F64
+    gradients: F64
+    keys: I64
+    triangles: I32
+
+
+def settle_centres(mesh: NamedMesh, brick: BrickSamples, isovalue: float, rows: I64) -> NamedMesh:
+    """Return the mesh with the given vertices, which lie inside cells, moved onto the isosurface."""
+    if rows.size == 0:
+        return mesh
+    from isosample.surfaces.field_kernels import place_centres
+
+    places = np.ascontiguousarray(mesh.positions[rows])
+    place_centres(
+        brick.coefficients, brick.kernel, brick.smooth, brick.origin, isovalue, CENTRE_REACH, places
+    )
+    positions, gradients = mesh.positions.copy(), mesh.gradients.copy()
+    positions[rows], gradients[rows] = places, gradients_at(brick, places)
+    return mesh._replace(positions=positions, gradients=gradients)
+
+
+def refined(mesh: NamedMesh, brick: BrickSamples, isovalue: float, rounds: int) -> NamedMesh:
+    """Return the mesh after some rounds of division; each looks at the edges that the one before made."""
+    first_new = 0
+    for _ in range(rounds):
+        count = len(mesh.positions)
+        edges, edge_of_side = _edges(mesh.triangles, count, first_new)
+        places, divided = _divide(mesh, brick, isovalue, edges)
+        if not divided.any():
+            break
+        edges, places, first_new = edges[divided], places[divided], count
+        vertex_of_edge = np.full(len(divided) + 1, WHOLE)  # the last is that of sides that were not looked at
+        vertex_of_edge[np.flatnonzero(divided)] = count + np.arange(len(edges))
+        positions = np.concatenate([mesh.positions, places])
+        mesh = NamedMesh(
+            positions=positions,
+            gradients=np.concatenate([mesh.gradients, gradients_at(brick, places)]),
+            keys=np.concatenate([mesh.keys, keys_between(mesh.keys[edges[:, 0]], mesh.keys[edges[:, 1]])]),
+            triangles=divide_triangles(mesh.triangles, vertex_of_edge[edge_of_side], positions),
+        )
+    return mesh
+
+
+def keys_between(first: I64, second: I64) -> I64:
+    """(N,) int64 < 0, names of vertices between vertices of the given names, in either order.
+
+    A digest of 63 bits by the mixing function of SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom
+    number generators", OOPSLA 2014). Two different edges of n get the same name with a probability of about n² / 2⁶⁴.
+    """
+    low, high = (np.asarray(end(first, second)).astype(np.uint64) for end in (np.minimum, np.maximum))
+    mixed = _mix(_mix(low) + np.uint64(0x9E3779B97F4A7C15) * (high + np.uint64(1)))
+    return (mixed | np.uint64(1 << 63)).view(np.int64)
+
+
+def _mix(bits: U64) -> U64:
+    """Mix the bits of each number, one to one."""
+    bits = (bits ^ bits >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ bits >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+    mixed: U64 = bits ^ bits >> np.uint64(31)
+    return mixed
+
+
+def _edges(triangles: I32, vertex_count: int, first_new: int) -> tuple[I64, I64]:
+    """Edges (E, 2) with an end from `first_new` on, each once, and the row of each triangle's sides (T, 3), or −1."""
+    sides = np.stack([triangles, triangles[:, [1, 2, 0]]], axis=-1).astype(np.int64)
+    low, high = sides.min(axis=-1), sides.max(axis=-1)
+    looked_at = high >= first_new
+    names, rows = np.unique((low * vertex_count + high)[looked_at], return_inverse=True)
+    edge_of_side = np.full(low.shape, -1)
+    edge_of_side[looked_at] = rows
+    return np.stack(np.divmod(names, vertex_count), axis=1), edge_of_side
+
+
+def _divide(
+    mesh: NamedMesh, brick: BrickSamples, isovalue: float, edges: I64
+) -> tuple[F64, npt.NDArray[np.bool_]]:
+    """Places of the vertices that divide edges, and which edges are divided at all."""
+    from isosample.surfaces.field_kernels import divide_edges
+
+    places, divided = np.zeros((len(edges), 3)), np.zeros(len(edges), dtype=np.bool_)
+    divide_edges(
+        brick.coefficients,
+        brick.kernel,
+        brick.smooth,
+        brick.origin,
+        isovalue,
+        REFINE_TOLERANCE,
+        mesh.positions,
+        edges,
+        places,
+        divided,
+    )
+    return places, divided

@@ -1,0 +1,177 @@
+"""The field sampled inside triangles, flat and corrected: compiled, in float64."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from isosample.compiled import compiled
+from isosample.surfaces.field_kernels import field_value_gradient
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    F64 = npt.NDArray[np.float64]
+    I32 = npt.NDArray[np.int32]
+
+Three = tuple[float, float, float]
+
+LARGEST_MOVE = 0.5  # of a corrected point [voxel]
+LARGEST_DISTANCE = math.sqrt(3.0)  # a cell's diagonal [voxel]
+_ROOT = math.sqrt(15.0)
+_SIDE, _CORNER = (6.0 + _ROOT) / 21.0, (6.0 - _ROOT) / 21.0
+SIDE_WEIGHT, CORNER_WEIGHT, CENTRE_WEIGHT = (155.0 + _ROOT) / 1200.0, (155.0 - _ROOT) / 1200.0, 9.0 / 40.0
+POINTS = (
+    (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, CENTRE_WEIGHT),
+    (_SIDE, _SIDE, 1.0 - 2.0 * _SIDE, SIDE_WEIGHT),
+    (_SIDE, 1.0 - 2.0 * _SIDE, _SIDE, SIDE_WEIGHT),
+    (1.0 - 2.0 * _SIDE, _SIDE, _SIDE, SIDE_WEIGHT),
+    (_CORNER, _CORNER, 1.0 - 2.0 * _CORNER, CORNER_WEIGHT),
+    (_CORNER, 1.0 - 2.0 * _CORNER, _CORNER, CORNER_WEIGHT),
+    (1.0 - 2.0 * _CORNER, _CORNER, _CORNER, CORNER_WEIGHT),
+)
+
+
+@compiled
+def lowest(a: float, b: float, c: float) -> float:
+    """First sample of the cell that holds a triangle, along one axis."""
+    return math.floor(min(a, min(b, c)))
+
+
+@compiled
+def between(place: float, low: float, high: float) -> float:
+    """The nearest number in [low, high]."""
+    return min(max(place, low), high)
+
+
+@compiled
+def distance_of(height: float, gx: float, gy: float, gz: float) -> float:
+    """First-order distance from the isosurface [voxel], at most a cell's diagonal."""
+    steepness = math.sqrt(gx * gx + gy * gy + gz * gz)
+    return height / steepness if height < LARGEST_DISTANCE * steepness else LARGEST_DISTANCE * (height > 0.0)
+
+
+@compiled
+def correction(positions: F64, gradients: F64, corners: I32, shares: Three, place: Three) -> Three:
+    """Return the step [voxel] that takes a point of a triangle to where the quadratic has the isovalue."""
+    error, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+    for corner in range(3):
+        n, share = corners[corner], shares[corner]
+        error += share * (
+            gradients[n, 0] * (place[0] - positions[n, 0])
+            + gradients[n, 1] * (place[1] - positions[n, 1])
+            + gradients[n, 2] * (place[2] - positions[n, 2])
+        )
+        gx += share * gradients[n, 0]
+        gy += share * gradients[n, 1]
+        gz += share * gradients[n, 2]
+    square = gx * gx + gy * gy + gz * gz
+    if square == 0.0:
+        return 0.0, 0.0, 0.0
+    scale = -0.5 * error / square
+    length = abs(scale) * math.sqrt(square)
+    if length > LARGEST_MOVE:
+        scale *= LARGEST_MOVE / length
+    return scale * gx, scale * gy, scale * gz
+
+
+@compiled
+def area_of(positions: F64, corners: I32) -> float:
+    """Area of a triangle [voxel²]."""
+    a, b, c = corners[0], corners[1], corners[2]
+    ux, uy, uz = (
+        positions[b, 0] - positions[a, 0],
+        positions[b, 1] - positions[a, 1],
+        positions[b, 2] - positions[a, 2],
+    )
+    vx, vy, vz = (
+        positions[c, 0] - positions[a, 0],
+        positions[c, 1] - positions[a, 1],
+        positions[c, 2] - positions[a, 2],
+    )
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return 0.5 * math.sqrt(x * x + y * y + z * z)
+
+
+@compiled
+def triangle_residuals(
+    coefficients: F64,
+    kernel: F64,
+    smooth: bool,
+    origin: F64,
+    isovalue: float,
+    positions: F64,
+    gradients: F64,
+    triangles: I32,
+    residuals: F64,
+    sums: F64,
+) -> None:
+    """Raise `residuals` (V, 2) to the largest abs(field − isovalue) around each vertex, and fill in `sums`.
+
+    `sums` (5,): area, ∫ flat distance², largest flat distance, ∫ corrected distance², largest corrected one.
+    """
+    last_x, last_y, last_z = (
+        coefficients.shape[2] - 3.0,
+        coefficients.shape[1] - 3.0,
+        coefficients.shape[0] - 3.0,
+    )
+    for t in range(len(triangles)):
+        corners = triangles[t]
+        a, b, c = corners[0], corners[1], corners[2]
+        area = area_of(positions, corners)
+        sums[0] += area
+        low_x = lowest(positions[a, 0], positions[b, 0], positions[c, 0])
+        low_y = lowest(positions[a, 1], positions[b, 1], positions[c, 1])
+        low_z = lowest(positions[a, 2], positions[b, 2], positions[c, 2])
+        flat, curved = 0.0, 0.0
+        for la, lb, lc, weight in POINTS:
+            x = low_x + between(
+                la * (positions[a, 0] - low_x)
+                + lb * (positions[b, 0] - low_x)
+                + lc * (positions[c, 0] - low_x),
+                0.0,
+                1.0,
+            )
+            y = low_y + between(
+                la * (positions[a, 1] - low_y)
+                + lb * (positions[b, 1] - low_y)
+                + lc * (positions[c, 1] - low_y),
+                0.0,
+                1.0,
+            )
+            z = low_z + between(
+                la * (positions[a, 2] - low_z)
+                + lb * (positions[b, 2] - low_z)
+                + lc * (positions[c, 2] - low_z),
+                0.0,
+                1.0,
+            )
+            value, gx, gy, gz = field_value_gradient(
+                coefficients, kernel, smooth, x + origin[0], y + origin[1], z + origin[2]
+            )
+            height = abs(value - isovalue)
+            flat = max(flat, height)
+            distance = distance_of(height, gx, gy, gz)
+            sums[1] += area * weight * distance * distance
+            sums[2] = max(sums[2], distance)
+            dx, dy, dz = correction(positions, gradients, corners, (la, lb, lc), (x, y, z))
+            value = math.nan
+            mx, my, mz = x + dx + origin[0], y + dy + origin[1], z + dz + origin[2]
+            if smooth:
+                mx, my, mz = between(mx, 0.0, last_x), between(my, 0.0, last_y), between(mz, 0.0, last_z)
+            value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, mx, my, mz)
+            if math.isnan(value):
+                mx = between(x + dx, low_x, low_x + 1.0)
+                my = between(y + dy, low_y, low_y + 1.0)
+                mz = between(z + dz, low_z, low_z + 1.0)
+                value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, mx, my, mz)
+            height = abs(value - isovalue)
+            curved = max(curved, height)
+            distance = distance_of(height, gx, gy, gz)
+            sums[3] += area * weight * distance * distance
+            sums[4] = max(sums[4], distance)
+        for corner in range(3):
+            n = corners[corner]
+            residuals[n, 0] = max(residuals[n, 0], flat)
+            residuals[n, 1] = max(residuals[n, 1], curved)

@@ -1,0 +1,139 @@
+"""What decides about the meshes of a volume besides its samples, and the checks of what extraction is given."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isosample.errors import InputError
+from isosample.surfaces.positions import LARGEST_BRICK_CELLS
+from isosample.volume.bricks import BRICK_CELLS
+from isosample.volume.reconstruction import Reconstruction, check_smooth
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from isosample.volume.grid import F64, Volume
+
+REFINEMENTS = (1, 2, 4, 8)
+LARGEST_SPAN = float(np.finfo(np.float32).max)  # gradients are float32
+# Coefficients of an interpolating cubic spline are at most 3 times the samples along each axis, and the
+# slopes of its weights add up to at most 2: 3³ · 2 < 64.
+SPLINE_STEEPNESS = 64.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtractionSettings:
+    """What decides about the meshes, besides the samples and the isovalue.
+
+    Attributes
+    ----------
+    brick_cells : int
+        Cells per brick along each axis, 1 to 128.
+    nan_masked : bool
+        Whether cells with a non-finite corner are left out; otherwise such samples are an error.
+    reconstruction : Reconstruction
+        The field between the samples, on whose isosurface the vertices lie.
+    refine : int
+        Into how many pieces an edge of the marching-cubes mesh may be divided where the surface bends: 1, 2,
+        4 or 8.
+    residuals : bool
+        Whether the meshes carry their distance from the isosurface (`BrickMesh.residuals`, `error`).
+
+    Raises
+    ------
+    InputError
+        If a setting is none of these.
+    """
+
+    brick_cells: int = BRICK_CELLS
+    nan_masked: bool = False
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    refine: int = 1
+    residuals: bool = False
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.brick_cells <= LARGEST_BRICK_CELLS:
+            raise InputError(
+                f"bricks of {self.brick_cells} cells are not possible; choose 1 to {LARGEST_BRICK_CELLS}."
+            )
+        if not isinstance(self.reconstruction, Reconstruction):
+            raise InputError(
+                f"reconstruction {self.reconstruction!r} is none; take a member of Reconstruction, "
+                "for instance Reconstruction.CUBIC."
+            )
+        if isinstance(self.refine, bool) or self.refine not in REFINEMENTS:
+            raise InputError(
+                f"refine {self.refine!r} is not possible; an edge can be divided into 1, 2, 4 or 8."
+            )
+
+    @property
+    def rounds(self) -> int:
+        """How often triangles are divided: log2 of `refine`."""
+        return self.refine.bit_length() - 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers and words, ready for JSON."""
+        return {**asdict(self), "reconstruction": self.reconstruction.value}
+
+    @classmethod
+    def from_dict(cls, entries: Mapping[str, Any]) -> ExtractionSettings:
+        """Return the settings that `to_dict` wrote.
+
+        Raises
+        ------
+        InputError
+            If an entry is missing, unknown or impossible.
+        """
+        expected = cls().to_dict().keys()
+        names = [member.value for member in Reconstruction]
+        if set(entries) != expected or entries["reconstruction"] not in names:
+            raise InputError(
+                f"extraction settings have the entries {sorted(expected)} and a reconstruction of {names}, "
+                f"got {dict(entries)}."
+            )
+        return cls(**{**entries, "reconstruction": Reconstruction(entries["reconstruction"])})
+
+
+def check_isovalues(isovalues: Sequence[float] | F64) -> F64:
+    """Return isovalues as a read-only (K,) float64 array, or raise InputError naming what is wrong."""
+    try:
+        levels = np.array(isovalues, dtype=np.float64)
+    except (TypeError, ValueError):
+        levels = np.array(np.nan)
+    if levels.ndim != 1 or not np.isfinite(levels).all():
+        raise InputError(f"isovalues {isovalues!r} must be a list of finite numbers.")
+    if (np.diff(levels) <= 0).any():
+        at = int(np.flatnonzero(np.diff(levels) <= 0)[0])
+        raise InputError(
+            f"isovalue {levels[at + 1]} at place {at + 1} does not exceed {levels[at]} before it; "
+            "pass them in ascending order, each once."
+        )
+    levels.setflags(write=False)
+    return levels
+
+
+def check_volume(volume: Volume, settings: ExtractionSettings) -> None:
+    """Raise InputError if a volume has no cells, unexpected non-finite samples, or too wide a range."""
+    if min(volume.size_xyz) < 2:
+        raise InputError(
+            f"{volume.name} has {volume.size_xyz} samples (x, y, z); "
+            "a volume needs at least 2 samples along each axis to have surfaces."
+        )
+    if settings.reconstruction.smooth:
+        check_smooth(volume, settings.reconstruction)
+    nan_count, infinity_count = volume.nonfinite_counts
+    if nan_count + infinity_count and not settings.nan_masked:
+        raise InputError(
+            f"{volume.name} has {nan_count} NaN and {infinity_count} infinite samples; surfaces need finite "
+            "ones. Pass --nan masked (nan_masked=True) to leave out the cells that they touch."
+        )
+    low, high = volume.value_range
+    steepness = SPLINE_STEEPNESS if settings.reconstruction.smooth else 1.0
+    if high / 2 - low / 2 > LARGEST_SPAN / steepness / 2:
+        raise InputError(
+            f"{volume.name} ranges from {low} to {high}, more than float32 gradients can hold. "
+            "Rescale the data."
+        )
