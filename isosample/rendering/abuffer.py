@@ -24,7 +24,7 @@ from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     import moderngl
 
@@ -186,17 +186,14 @@ class ABuffer:
         width, height = check_size(size)
         target = self._make_targets(width, height)
         frame = self._frame(camera, (width, height), settings)
-        parts = strips(width, height, self._pool.max_pixels)
         done = 0
-        while parts:
-            part = parts.pop(0)
-            smaller = self._render_tile(part, frame)
-            parts = smaller + parts
-            if not smaller:
-                done += part.pixel_count
-                frame.statistics.tiles += 1
-                if progress is not None:
-                    progress(done, width * height)
+        for tile, rasterised in self._built_tiles(frame, width, height):
+            self._resolve(tile, frame)
+            self._account(rasterised, frame.statistics)
+            frame.statistics.tiles += 1
+            done += tile.pixel_count
+            if progress is not None:
+                progress(done, width * height)
         frame.statistics.pool_bytes = self._pool.size_bytes
         with self.timer.stage("read back"):
             pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
@@ -205,48 +202,74 @@ class ABuffer:
     def fragment_lists(
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings
     ) -> FragmentLists:
-        """Read back the lists of a picture, instead of resolving them; they must fit the budget in one tile.
-
-        Parameters
-        ----------
-        camera, size, settings
-            As for `render`.
+        """All lists of a picture at once; see `fragment_list_parts`.
 
         Raises
         ------
         CapacityError
             If the lists do not fit the budget; and as `render`.
         """
+        parts = list(self.fragment_list_parts(camera, size, settings))
+        if len(parts) > 1:
+            raise CapacityError(
+                f"the lists come in {len(parts)} parts, as they do not fit the budget; make the picture smaller."
+            )
+        return parts[0]
+
+    def fragment_list_parts(
+        self, camera: Camera, size: tuple[int, int], settings: RenderSettings
+    ) -> Iterator[FragmentLists]:
+        """Read back the lists of a picture, instead of resolving them, in parts that fit the budget.
+
+        Parameters
+        ----------
+        camera, size, settings
+            As for `render`.
+
+        Yields
+        ------
+        lists : FragmentLists
+            Of some of the pixels; every pixel is in one of the parts.
+
+        Raises
+        ------
+        CapacityError
+            As `render`.
+        """
         width, height = check_size(size)
         self._make_targets(width, height)
         frame = self._frame(camera, (width, height), settings)
         frame.residuals = True
-        tile = Tile(0, 0, width, height)
-        measured = self._measure(tile, frame)
-        if not self._pool.grow(measured, settings.fragment_budget_bytes):
-            raise CapacityError(f"{measured} fragments do not fit the budget; make the picture smaller.")
-        self._build(tile, frame)
         start = head_start(camera.rays(width / height), self._geometry.box)
-        return decode_lists(tile, self._pool.heads(tile), self._pool.nodes(), start=start)
+        for tile, _ in self._built_tiles(frame, width, height):
+            yield decode_lists(tile, (width, height), self._pool.heads(tile), self._pool.nodes(), start=start)
 
     # -- one tile ---------------------------------------------------------------------------------
 
-    def _render_tile(self, tile: Tile, frame: _Frame) -> list[Tile]:
-        """Render a tile, or return smaller tiles to render in its place because its lists do not fit."""
+    def _built_tiles(self, frame: _Frame, width: int, height: int) -> Iterator[tuple[Tile, int]]:
+        """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
+        parts = strips(width, height, self._pool.max_pixels)
+        while parts:
+            part = parts.pop(0)
+            smaller, rasterised = self._build_or_split(part, frame)
+            parts = smaller + parts
+            if not smaller:
+                yield part, rasterised
+
+    def _build_or_split(self, tile: Tile, frame: _Frame) -> tuple[list[Tile], int]:
+        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit."""
         budget = frame.settings.fragment_budget_bytes
         if self._pool.is_empty:
             with self.timer.stage("measure"):
                 measured = self._measure(tile, frame)
             if not self._pool.grow(measured, budget):
-                return self._split(tile, frame)
+                return self._split(tile, frame), 0
         counters, rasterised = self._build(tile, frame)
         asked = int(counters["node_count"])
         if rasterised == QUERY_SATURATED or asked > self._pool.capacity:
             needed = max(asked, rasterised)
-            return [tile] if self._pool.grow(needed, budget) else self._split(tile, frame)
-        self._resolve(tile, frame)
-        self._account(rasterised, frame.statistics)
-        return []
+            return ([tile] if self._pool.grow(needed, budget) else self._split(tile, frame)), 0
+        return [], rasterised
 
     def _measure(self, tile: Tile, frame: _Frame) -> int:
         """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""

@@ -19,12 +19,14 @@ U32 = npt.NDArray[np.uint32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FragmentLists:
-    """Fragments of a picture, sorted by pixel and then by distance.
+    """Fragments of some of the pixels of a picture, sorted by pixel and then by distance.
 
     Attributes
     ----------
+    covered : (P,) int64
+        The pixels, ascending, each as row from the top · width + column.
     pixels : (N,) int64
-        Row from the top · width + column.
+        Of every fragment.
     distances : (N,) float32
         Along the ray [world].
     levels : (N,) int64
@@ -32,32 +34,43 @@ class FragmentLists:
     rising : (N,) bool
         Whether the value rises along the ray (or the ray enters the valid cells).
     slopes : (N,) float32
-        Absolute derivative of the normalised value along the ray, times the box's radius.
+        Absolute derivative of the normalised value along the ray, times the box's radius; the tolerance of the
+        value [normalised] on the border of the valid cells.
+    residuals : (N,) float32
+        How far the field is from the isovalue near the fragment [normalised]; the value [normalised] on the
+        border of the valid cells.
     """
 
+    covered: I64
     pixels: I64
     distances: npt.NDArray[np.float32]
     levels: I64
     rising: npt.NDArray[np.bool_]
     slopes: npt.NDArray[np.float32]
+    residuals: npt.NDArray[np.float32]
 
 
-def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void], *, start: float = 0.0) -> FragmentLists:
+def decode_lists(
+    tile: Tile, size: tuple[int, int], heads: U32, nodes: npt.NDArray[np.void], *, start: float = 0.0
+) -> FragmentLists:
     """Fragments of all lists of a tile.
 
     Parameters
     ----------
     tile : Tile
-        Must cover whole rows of the picture from its first one.
+    size : (width, height)
+        Pixels of the whole picture.
     heads : (tile.height · tile.width,) uint32
         First node of every pixel's list, rows counted upwards.
     nodes : (M,) struct Node of ``shaders/lib/layouts.glsl``
+        Built with RESIDUAL.
     start : float
         Distance from the eye at which the distances of the nodes begin [world].
     """
     end = shared_constants()["LIST_END"]
     y, x = np.divmod(np.arange(len(heads)), tile.width)
-    pixels, current = (tile.height - 1 - y) * tile.width + x, heads.astype(np.int64)
+    pixels = (size[1] - 1 - tile.y - y) * size[0] + tile.x + x
+    covered, current = np.sort(pixels), heads.astype(np.int64)
     found_pixels, found_nodes = [], []
     while len(current := current[alive := current != end]):
         pixels = pixels[alive]
@@ -67,11 +80,14 @@ def decode_lists(tile: Tile, heads: U32, nodes: npt.NDArray[np.void], *, start: 
     empty = np.empty(0, dtype=np.int64)
     pixels, picked = (np.concatenate([empty, *parts]) for parts in (found_pixels, found_nodes))
     order = np.lexsort((nodes["distance"][picked], pixels))
-    surface = nodes["surface"][picked[order]]
+    picked = picked[order]
+    surface = nodes["surface"][picked]
     return FragmentLists(
+        covered=covered,
         pixels=pixels[order],
-        distances=nodes["distance"][picked[order]] + np.float32(start),
+        distances=nodes["distance"][picked] + np.float32(start),
         levels=(surface & shared_constants()["LEVEL_MASK"]).astype(np.int64),
         rising=(surface & shared_constants()["RISING_BIT"]) != 0,
         slopes=(surface >> 16).astype(np.uint16).view(np.float16).astype(np.float32),
+        residuals=np.ascontiguousarray(nodes["normal"][picked]).view(np.float32),
     )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from isosample.rendering.abuffer import FrameStatistics
+    from isosample.rendering.error_map import ErrorMap
     from isosample.surfaces.extract import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
@@ -185,6 +186,29 @@ class Renderer:
         self._abuffer.timer.seconds.clear()
         stats = statistics_of(self._ctx, self._surfaces, self._scene, frame, (width, height), seconds)
         return Image(rgba, stats)
+
+    def error_map(
+        self,
+        *,
+        camera: Camera | None = None,
+        size: tuple[int, int] = DEFAULT_SIZE,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+    ) -> ErrorMap:
+        """How far the picture may be off, pixel by pixel; parameters and errors as `render_surfaces`."""
+        from isosample.rendering.error_map import error_map
+
+        width, height = check_size(size)
+        camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
+        return error_map(
+            self._abuffer,
+            self._surfaces,
+            self._scene.plan,
+            camera,
+            (width, height),
+            settings or RenderSettings(),
+            _stage_progress(progress, "error map"),
+        )
 
 
 def statistics_of(
