@@ -39,8 +39,8 @@ class CellGrid(NamedTuple):
     visible: npt.NDArray[np.bool_]
 
     @classmethod
-    def build(cls, volume: Volume, base: float, bands: BandTable) -> CellGrid:
-        """Prepare a volume whose values are seen through bands, both less the base.
+    def whole(cls, volume: Volume, base: float) -> CellGrid:
+        """Prepare a volume of which every block is looked at.
 
         The samples are kept as float32 where that is exact, else as float64 (one compiled kernel for each).
         """
@@ -48,10 +48,16 @@ class CellGrid(NamedTuple):
         dtype = np.float32 if np.can_cast(array.dtype, np.float32, casting="safe") else np.float64
         samples = np.ascontiguousarray(array, dtype=dtype).view()
         samples.setflags(write=False)
-        visible = np.zeros([-(-(count - 1) // BLOCK_CELLS) for count in samples.shape], dtype=np.bool_)
-        shown = (bands.extinction.max(axis=1) > 0, bands.level_visible)
-        find_visible_blocks(samples, base, bands, shown, visible)
+        visible = np.ones([-(-(count - 1) // BLOCK_CELLS) for count in samples.shape], dtype=np.bool_)
         return cls(samples, base, visible)
+
+    @classmethod
+    def build(cls, volume: Volume, base: float, bands: BandTable) -> CellGrid:
+        """Prepare a volume whose values are seen through bands, both less the base."""
+        grid = cls.whole(volume, base)
+        shown = (bands.extinction.max(axis=1) > 0, bands.level_visible)
+        find_visible_blocks(grid.samples, base, bands, shown, grid.visible)
+        return grid
 
 
 @compiled

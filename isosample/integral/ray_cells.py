@@ -87,7 +87,7 @@ def _march(
         seen = grid.visible[cell[2] // BLOCK_CELLS, cell[1] // BLOCK_CELLS, cell[0] // BLOCK_CELLS]
         leave = min(leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
         if leave > t:
-            if seen and _load_cell(grid, cell, scratch[0]):
+            if seen and load_cell(grid, cell, scratch[0]):
                 state = _walk_cell(walk, scratch, optics, line, cell, (t, leave), state, counts)
             else:
                 counts[MASKED if seen else BLOCKS] += 1
@@ -216,7 +216,7 @@ def place_in_cell(origin: F64, direction: F64, cell: I64, t: float, place: F64) 
 
 
 @compiled
-def _load_cell(grid: CellGrid, cell: I64, corners: F64) -> bool:
+def load_cell(grid: CellGrid, cell: I64, corners: F64) -> bool:
     """Fill in the eight samples, less the base; False if one of them is not finite."""
     x, y, z = cell[0], cell[1], cell[2]
     check = 0.0

@@ -110,34 +110,6 @@ def _weights_along(kernel: F64, start: float, end: float, weights: F64) -> None:
 
 
 @compiled
-def polynomial_bounds(polynomial: F64) -> tuple[float, float]:
-    """Smallest and largest coefficient: the polynomial stays between them."""
-    low, high = polynomial[0], polynomial[0]
-    for i in range(1, DEGREE + 1):
-        low, high = min(low, polynomial[i]), max(high, polynomial[i])
-    return low, high
-
-
-@compiled
-def polynomial_mean(polynomial: F64) -> float:
-    """Mean over the interval."""
-    total = 0.0
-    for i in range(DEGREE + 1):
-        total += polynomial[i]
-    return total / (DEGREE + 1)
-
-
-@compiled
-def halve_polynomial(polynomial: F64, front: F64) -> None:
-    """Put the first half into `front`, and leave the second half in `polynomial` (de Casteljau)."""
-    front[0] = polynomial[0]
-    for step in range(1, DEGREE + 1):
-        for i in range(DEGREE + 1 - step):
-            polynomial[i] += 0.5 * (polynomial[i + 1] - polynomial[i])
-        front[step] = polynomial[0]
-
-
-@compiled
 def hermite_cubic(polynomial: F64) -> Cubic:
     """Bernstein coefficients of the cubic with the polynomial's values and slopes at both ends."""
     front, back = polynomial[0], polynomial[DEGREE]

@@ -45,12 +45,17 @@ class SplineGrid(NamedTuple):
     visible: Bool
 
     @classmethod
+    def whole(cls, spline: GridSpline, base: float) -> SplineGrid:
+        """Prepare a spline of which every block is looked at."""
+        cells = [count - 3 for count in spline.coefficients.shape]
+        visible = np.ones([-(-count // BLOCK_CELLS) for count in cells], dtype=np.bool_)
+        widening = 0.5 * (spline.absolute_sum**3 - 1.0)
+        return cls(spline.coefficients, spline.kernel, widening, base, visible)
+
+    @classmethod
     def build(cls, spline: GridSpline, base: float, bands: BandTable) -> SplineGrid:
         """Prepare a spline whose values are seen through bands, both less the base."""
-        cells = [count - 3 for count in spline.coefficients.shape]
-        visible = np.zeros([-(-count // BLOCK_CELLS) for count in cells], dtype=np.bool_)
-        widening = 0.5 * (spline.absolute_sum**3 - 1.0)
-        grid = cls(spline.coefficients, spline.kernel, widening, base, visible)
+        grid = cls.whole(spline, base)
         find_visible_spline_blocks(grid, bands.edges, (bands.extinction.max(axis=1) > 0, bands.level_visible))
         return grid
 

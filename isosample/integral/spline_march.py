@@ -24,6 +24,7 @@ from isosample.integral.band_walk import (
     start_walk,
     walk_cubic,
 )
+from isosample.integral.bernstein import halve_polynomial, polynomial_bounds, polynomial_mean
 from isosample.integral.cell_trace import trace_capacity, trace_cells
 from isosample.integral.ray_cells import (
     BLOCKS,
@@ -37,11 +38,8 @@ from isosample.integral.ray_cells import (
 from isosample.integral.spline_cells import (
     DEGREE,
     cell_polynomial,
-    halve_polynomial,
     hermite_cubic,
     hermite_error,
-    polynomial_bounds,
-    polynomial_mean,
 )
 from isosample.integral.spline_grid import load_taps, spline_shape
 
