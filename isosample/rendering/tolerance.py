@@ -1,0 +1,267 @@
+"""A plan for a tolerance: as many isovalues and as fine a mesh as the picture needs, found by trying."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from isosample.errors import InputError
+from isosample.gl.context import shared_context
+from isosample.rendering.camera import Camera
+from isosample.rendering.isovalue_search import search_isovalues
+from isosample.rendering.mesh_search import search_mesh
+from isosample.rendering.planning_views import QUANTILE, PlanningViews, orbit_views
+from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
+from isosample.volume.reconstruction import GridSpline, Reconstruction
+from isosample.volume.statistics import gradient_at_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from isosample.rendering.isovalue_search import IsovalueSearch
+    from isosample.rendering.mesh_search import MeshSearch
+    from isosample.surfaces.surface_set import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.sheets import Gradients
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+    Progress = Callable[[str, int, int], None]
+
+SAFETY = 0.5  # share of the tolerance for the isovalues; the rest is the mesh's
+DEFAULT_PIXELS = 48
+DEFAULT_MAX_ISOVALUES = 512
+DEFAULT_MAX_TRIANGLES = 20_000_000
+SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
+LEAST_SLOPE = (
+    1e-6  # |df/dt| of a sheet's crossing, at least, in value ranges per box radius (maths of sheets)
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TolerancePlan:
+    """What a tolerance needs.
+
+    Attributes
+    ----------
+    plan : IsovaluePlan
+        Its `report` is the same as this one's.
+    refine : int
+        Into how many pieces an edge of the mesh is divided, for `extract_surfaces`.
+    surfaces : SurfaceSet
+        The meshes of this plan and refinement.
+    report : dict
+        JSON-ready: ``tolerance``, ``reached`` (the error that a thousandth of the planning pixels exceed),
+        ``missed`` (None; "isovalues" or "mesh" where the tolerance is not reached, and what it failed on),
+        ``reason`` in words, ``reconstruction``, ``refine``, ``views``, ``pixels``, ``quantile``, ``rounds``
+        (isovalues and error by exact crossings) and ``refinements`` (refine, triangles, error of the pictures
+        and ``above``, their share of pixels above the tolerance).
+    """
+
+    plan: IsovaluePlan
+    refine: int
+    surfaces: SurfaceSet
+    report: dict[str, Any]
+
+    @property
+    def missed(self) -> str | None:
+        """None where the tolerance is reached, else "isovalues" or "mesh"."""
+        missed: str | None = self.report["missed"]
+        return missed
+
+    @property
+    def reached(self) -> float:
+        """Error that a thousandth of the planning pixels exceed."""
+        return float(self.report["reached"])
+
+
+def plan_for_tolerance(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    tolerance: float,
+    *,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    views: Sequence[Camera] | None = None,
+    pixels: int = DEFAULT_PIXELS,
+    max_isovalues: int = DEFAULT_MAX_ISOVALUES,
+    max_refine: int = REFINEMENTS[-1],
+    max_triangles: int = DEFAULT_MAX_TRIANGLES,
+    nan_masked: bool = False,
+    progress: Progress | None = None,
+) -> TolerancePlan:
+    """Return isovalues and a refinement of their meshes such that pictures are within a tolerance.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction
+    tolerance : float
+        Largest error of a component of a pixel (premultiplied linear RGBA), for all but a thousandth of the
+        pixels; 1e-5 to 1.
+    reconstruction : Reconstruction
+        The field between the samples: what is true.
+    views : sequence of Camera, optional
+        Views to try; by default four from all sides. The report has them.
+    pixels : int
+        Width and height of the pictures of the views, >= 8.
+    max_isovalues : int
+        Isovalues at most, unless the control points alone are more; >= 1.
+    max_refine : int
+        Refinement at most: 1, 2, 4 or 8.
+    max_triangles : int
+        A refinement that would exceed so many triangles is not tried, >= 1.
+    nan_masked : bool
+        Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
+    progress : callable, optional
+        Called with the stage ("truth", "isovalues", "refine"), steps done and steps in all.
+
+    Returns
+    -------
+    found : TolerancePlan
+        Where the tolerance cannot be reached within the limits, the best that was found, and what it failed on.
+
+    Raises
+    ------
+    InputError
+        If the volume cannot be rendered, or an option is out of range.
+    OpenGLError
+        If there is no usable OpenGL.
+
+    Notes
+    -----
+    First the isovalues: with exact crossings the picture is to err by half the tolerance at most
+    (`search_isovalues`). Then the mesh: it is refined until the pictures that the GPU draws are within the
+    tolerance (`search_mesh`). Isosurfaces of the transfer function and sheets are kept as they are.
+
+    The error is measured on the views, against the reference integral of the same reconstruction. Other views
+    are not proven to be within the tolerance: the margin of the isovalues is what they have. Views of one
+    picture should be given where that one alone counts.
+    """
+    least = {"pixels": (pixels, 8), "max_isovalues": (max_isovalues, 1), "max_triangles": (max_triangles, 1)}
+    _check(tolerance, max_refine, least)
+    settings = ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction)
+    check_volume(volume, settings)
+    cameras = orbit_views(volume.box) if views is None else tuple(views)
+    _check_views(cameras)
+    shared_context()  # a missing driver is told before the long work
+    tried = PlanningViews.trace(
+        volume,
+        transfer_function,
+        cameras,
+        pixels,
+        tolerance=tolerance,
+        reconstruction=reconstruction,
+        progress=_stage(progress, "truth"),
+    )
+    isovalues = _search_isovalues(
+        volume, transfer_function, tried, tolerance, reconstruction, max_isovalues, progress
+    )
+    meshes = search_mesh(
+        volume,
+        isovalues.plan,
+        tried,
+        settings,
+        tolerance=tolerance,
+        exact_error=isovalues.error,
+        max_refine=max_refine,
+        max_triangles=max_triangles,
+        progress=_stage(progress, "refine"),
+    )
+    report = {
+        "tolerance": tolerance,
+        "reached": meshes.error,
+        "missed": meshes.missed,
+        "reason": _reason(isovalues, meshes, max_isovalues),
+        "reconstruction": reconstruction.value,
+        "refine": meshes.refine,
+        "views": tried.describe(),
+        "pixels": pixels,
+        "quantile": QUANTILE,
+        "rounds": isovalues.rounds,
+        "refinements": meshes.rounds,
+    }
+    plan = dataclasses.replace(isovalues.plan, report=report)
+    return TolerancePlan(plan, meshes.refine, meshes.surfaces, report)
+
+
+def _search_isovalues(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    views: PlanningViews,
+    tolerance: float,
+    reconstruction: Reconstruction,
+    max_isovalues: int,
+    progress: Progress | None,
+) -> IsovalueSearch:
+    """Isovalues for exact crossings of the volume's own field."""
+    from isosample.integral.grid_crossings import grid_crossings
+
+    smooth = reconstruction.smooth
+    low, high = GridSpline.build(volume, reconstruction).value_range if smooth else volume.value_range
+    origins, directions = views.rays
+    return search_isovalues(
+        views,
+        transfer_function,
+        (low, high),
+        lambda values: grid_crossings(volume, values, origins, directions, reconstruction=reconstruction),
+        target=SAFETY * tolerance,
+        max_isovalues=max_isovalues,
+        gradients=_remembered(partial(gradient_at_values, volume)),
+        least_slope=LEAST_SLOPE * (high - low) / volume.box.radius,
+        progress=_stage(progress, "isovalues"),
+    )
+
+
+def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -> str:
+    """Why the search ended, in words."""
+    count = len(isovalues.plan.isovalues)
+    if meshes.missed is None:
+        return f"{count} isovalues and refine {meshes.refine} reach the tolerance on the views"
+    if meshes.missed == "mesh":
+        return f"the mesh errs more than the tolerance, and {meshes.reason}"
+    limit = f"at most {max_isovalues} were allowed" if count < max_isovalues else "more were not allowed"
+    return f"{count} isovalues leave an error of {isovalues.error:.3g} with exact crossings; {limit}"
+
+
+def _remembered(gradients: Gradients) -> Gradients:
+    """Gradients that are measured once for every list of values."""
+    known: dict[tuple[float, ...], Sequence[float | None]] = {}
+
+    def look_up(values: Sequence[float]) -> Sequence[float | None]:
+        key = tuple(values)
+        if key not in known:
+            known[key] = gradients(values)
+        return known[key]
+
+    return look_up
+
+
+def _check(tolerance: object, max_refine: object, counts: Mapping[str, tuple[object, int]]) -> None:
+    """Raise `InputError` for an option out of range; `counts` are whole numbers and the least each may be."""
+    number = isinstance(tolerance, (int, float, np.floating)) and not isinstance(tolerance, bool)
+    if not number or not SMALLEST_TOLERANCE <= cast("float", tolerance) <= 1:
+        raise InputError(
+            f"tolerance {tolerance!r} must be a number from {SMALLEST_TOLERANCE:g} to 1, for instance 1/256."
+        )
+    for name, (count, least) in counts.items():
+        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < least:
+            raise InputError(f"{name} {count!r} must be a whole number >= {least}.")
+    if isinstance(max_refine, bool) or max_refine not in REFINEMENTS:
+        raise InputError(f"max_refine {max_refine!r} must be one of {REFINEMENTS}.")
+
+
+def _check_views(cameras: Sequence[object]) -> None:
+    """Raise `InputError` unless there are cameras and nothing else."""
+    if not cameras:
+        raise InputError("views is empty; give at least one camera, or None for views from all sides.")
+    for i, camera in enumerate(cameras):
+        if not isinstance(camera, Camera):
+            raise InputError(f"views[{i}] is {camera!r}; expected a Camera.")
+
+
+def _stage(progress: Progress | None, stage: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else partial(progress, stage)
