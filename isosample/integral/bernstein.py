@@ -77,19 +77,18 @@ def polynomial_value_slope(polynomial: F64, s: float, scratch: F64) -> tuple[flo
 
 
 @compiled
-def polynomial_root(polynomial: F64, level: float, rising: bool, scratch: F64) -> tuple[float, float]:
-    """Place in [0, 1] where a monotone polynomial takes a value, and its derivative there.
+def polynomial_root(polynomial: F64, level: float, rising: bool, scratch: F64) -> float:
+    """Place in [0, 1] where a monotone polynomial takes a value.
 
     Newton's method inside a shrinking bracket, bisection where a step would leave it. The caller knows that there
     is a root.
     """
     low, high, s = 0.0, 1.0, 0.5
-    slope = 0.0
     for _ in range(MAX_ROOT_STEPS):
         value, slope = polynomial_value_slope(polynomial, s, scratch)
         residual = value - level
         if residual == 0.0:
-            break
+            return s
         if (residual < 0.0) == rising:
             low = s
         else:
@@ -97,8 +96,7 @@ def polynomial_root(polynomial: F64, level: float, rising: bool, scratch: F64) -
         following = s - residual / slope if slope != 0.0 else -1.0
         if not low < following < high:
             following = 0.5 * (low + high)
-        close = abs(following - s) <= ROOT_TOLERANCE
+        if abs(following - s) <= ROOT_TOLERANCE:
+            return following
         s = following
-        if close:
-            break
-    return s, slope
+    return s

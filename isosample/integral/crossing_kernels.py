@@ -1,34 +1,31 @@
-"""Crossings of a ray with isosurfaces, from the field along it: one polynomial in every cell.
-
-As in `band_walk`, the values at the ends of monotone pieces decide which levels lie between, by comparison
-alone, so that the crossings of a ray always continue each other, however the roots are rounded.
-"""
+"""Crossings of rays with the isosurfaces of a grid: one polynomial in every cell that needs one."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.compiled import compiled
-from isosample.integral.band_walk import band_above, band_below
-from isosample.integral.bernstein import (
-    halve_polynomial,
-    is_monotone,
-    polynomial_bounds,
-    polynomial_root,
-    polynomial_value_slope,
-)
+from isosample.integral.band_walk import band_above
 from isosample.integral.cell_cubic import cubic_between
 from isosample.integral.cell_trace import trace_capacity, trace_cells
+from isosample.integral.crossing_rows import (
+    FLAT,
+    cross_levels,
+    cross_polynomial,
+    crossing_scratch,
+    record_border,
+)
 from isosample.integral.ray_cells import load_cell, place_in_cell
 from isosample.integral.spline_cells import DEGREE, cell_polynomial
 from isosample.integral.spline_grid import load_taps, spline_shape
+from isosample.volume.spline_kernels import spline_value_gradient
 
 if TYPE_CHECKING:
     from isosample.integral.cell_grid import CellGrid
+    from isosample.integral.crossing_rows import CrossingRows, Levels
     from isosample.integral.spline_grid import SplineGrid
 
 F64 = npt.NDArray[np.float64]
@@ -37,36 +34,6 @@ Bool = npt.NDArray[np.bool_]
 
 # What is known of a cell: its polynomial, that it holds no isovalue, or that a sample is not finite.
 POLYNOMIAL, PLAIN, MASKED = 0, 1, 2
-MAX_HALVINGS = 40  # an extremum within rounding of a level is isolated after some 26
-FLAT = 2.0**-48  # of the largest value of a cell: a piece with so little change is what its ends say
-
-
-class Levels(NamedTuple):
-    """The isovalues as a walk compares with them.
-
-    Attributes
-    ----------
-    isovalues : (K,) float64
-        Ascending.
-    edges : (K + 2,) float64
-        −inf, the isovalues less the base, +inf.
-    base : float
-    """
-
-    isovalues: F64
-    edges: F64
-    base: float
-
-
-class CrossingRows(NamedTuple):
-    """Room for the entries of `CrossingLists`; those that do not fit are only counted."""
-
-    used: I64  # (1,), number of entries
-    distance: F64
-    level: I64
-    rising: Bool
-    slope: F64
-    value: F64
 
 
 class RayCells(NamedTuple):
@@ -115,6 +82,10 @@ def cross_trilinear_rays(
                 b[0], b[1], b[2], b[3] = b0, b1, b2, b3
         _walk_cells(room, count, levels, rows)
         first[ray + 1] = rows.used[0]
+        for row in range(first[ray], min(first[ray + 1], len(rows.distance))):
+            cell = room.cells[rows.cell[row]]
+            load_cell(grid, cell, corners)
+            rows.slope[row] = abs(_trilinear_slope(corners, line, cell, rows.distance[row]))
 
 
 @compiled
@@ -137,6 +108,38 @@ def cross_spline_rays(
                 cell_polynomial(taps, grid.kernel, ends, weights, room.polynomials[n])
         _walk_cells(room, count, levels, rows)
         first[ray + 1] = rows.used[0]
+        for row in range(first[ray], min(first[ray + 1], len(rows.distance))):
+            rows.slope[row] = abs(_spline_slope(grid, line, rows.distance[row]))
+
+
+@compiled
+def _trilinear_slope(corners: F64, line: tuple[F64, F64], cell: I64, t: float) -> float:
+    """Derivative of the trilinear interpolant of a cell along a ray [data units per ray parameter]."""
+    origin, direction = line
+    u = min(max(origin[0] + t * direction[0] - cell[0], 0.0), 1.0)
+    v = min(max(origin[1] + t * direction[1] - cell[1], 0.0), 1.0)
+    w = min(max(origin[2] + t * direction[2] - cell[2], 0.0), 1.0)
+    slope = 0.0
+    for k in range(2):
+        in_z = w if k == 1 else 1.0 - w
+        for j in range(2):
+            in_y = v if j == 1 else 1.0 - v
+            for i in range(2):
+                in_x = u if i == 1 else 1.0 - u
+                weight = (2 * i - 1) * direction[0] * in_y * in_z
+                weight += (2 * j - 1) * direction[1] * in_x * in_z
+                weight += (2 * k - 1) * direction[2] * in_x * in_y
+                slope += weight * (corners[k, j, i] - corners[0, 0, 0])
+    return slope
+
+
+@compiled
+def _spline_slope(grid: SplineGrid, line: tuple[F64, F64], t: float) -> float:
+    """Derivative of a spline along a ray [data units per ray parameter]."""
+    origin, direction = line
+    x, y, z = origin[0] + t * direction[0], origin[1] + t * direction[1], origin[2] + t * direction[2]
+    _, slope_x, slope_y, slope_z = spline_value_gradient(grid.coefficients, grid.kernel, x, y, z)
+    return float(slope_x * direction[0] + slope_y * direction[1] + slope_z * direction[2])
 
 
 @compiled
@@ -202,7 +205,7 @@ def _is_needed(known: I64, n: int, count: int) -> bool:
 def _walk_cells(room: RayCells, count: int, levels: Levels, rows: CrossingRows) -> None:
     """Walk through the cells of a ray, and record border points where the field begins and ends."""
     width = room.polynomials.shape[1]
-    scratch = (np.empty((MAX_HALVINGS + 2, width)), np.empty((MAX_HALVINGS + 2, 2)), np.empty(width))
+    scratch = crossing_scratch(width)
     inside, known, band, value = False, False, 0, 0.0
     for n in range(count):
         start = room.spans[n, 0]
@@ -214,7 +217,7 @@ def _walk_cells(room: RayCells, count: int, levels: Levels, rows: CrossingRows) 
             continue
         if not inside:
             band = band_above(levels.edges, band, polynomial[0])
-            _record_border(rows, levels, band, polynomial[0], start, True)
+            record_border(rows, levels, band, polynomial[0], (start, n), True)
             inside = True
         if room.known[n] == PLAIN:
             known = False
@@ -222,7 +225,8 @@ def _walk_cells(room: RayCells, count: int, levels: Levels, rows: CrossingRows) 
         if known:
             polynomial[0] = value  # that of the cell before: rounding can neither make nor lose a crossing
         value, known = polynomial[width - 1], True
-        band = _cross_polynomial(rows, levels, band, polynomial, (start, room.spans[n, 1]), scratch)
+        span = (start, room.spans[n, 1], n)
+        band = cross_polynomial(rows, levels, band, polynomial, span, scratch)
     if inside:
         _record_end(rows, levels, band, room, count - 1, (known, value))
 
@@ -233,117 +237,7 @@ def _record_end(
 ) -> None:
     """Leave the field behind cell `n`, and cross the level on which it ends, if it does (the level is inside)."""
     known, value = state
-    last = room.polynomials[n, room.polynomials.shape[1] - 1]
-    before = room.polynomials[n, room.polynomials.shape[1] - 2]
-    value = value if known else last
+    value = value if known else room.polynomials[n, room.polynomials.shape[1] - 1]
     end = room.spans[n, 1]
-    slope = (room.polynomials.shape[1] - 1) * abs(last - before) / (end - room.spans[n, 0])
-    band = _cross_levels(rows, band, band_above(levels.edges, band, value), end, slope)
-    _record_border(rows, levels, band, value, end, False)
-
-
-@compiled
-def _record_border(
-    rows: CrossingRows, levels: Levels, band: int, value: float, distance: float, enters: bool
-) -> None:
-    """Record a border point; adding the base again must not move its value out of its band."""
-    exact = value + levels.base
-    if band > 0:
-        exact = max(exact, levels.isovalues[band - 1])
-    if band < len(levels.isovalues) and exact >= levels.isovalues[band]:
-        exact = np.nextafter(levels.isovalues[band], -math.inf)
-    _record(rows, distance, -1, enters, 0.0, exact)
-
-
-@compiled
-def _record(
-    rows: CrossingRows, distance: float, level: int, rising: bool, slope: float, value: float
-) -> None:
-    """Add an entry; rounding must not let distances descend (a ray begins with a border point)."""
-    n = rows.used[0]
-    rows.used[0] = n + 1
-    if n < len(rows.distance):
-        entry = level < 0 and rising
-        rows.distance[n] = distance if entry else max(distance, rows.distance[n - 1])
-        rows.level[n], rows.rising[n], rows.slope[n], rows.value[n] = level, rising, slope, value
-
-
-@compiled
-def _cross_levels(rows: CrossingRows, band: int, target: int, distance: float, slope: float) -> int:
-    """Record the levels between two bands, in the direction of travel; return `target`."""
-    while band < target:
-        _record(rows, distance, band, True, slope, 0.0)
-        band += 1
-    while band > target:
-        band -= 1
-        _record(rows, distance, band, False, slope, 0.0)
-    return band
-
-
-@compiled
-def _cross_polynomial(
-    rows: CrossingRows,
-    levels: Levels,
-    band: int,
-    polynomial: F64,
-    span: tuple[float, float],
-    scratch: tuple[F64, F64, F64],
-) -> int:
-    """Record the crossings along a polynomial in the span between two ray parameters; return the band at its end."""
-    waiting, places, values = scratch
-    low, high = polynomial_bounds(polynomial)
-    flat = FLAT * (max(abs(low), abs(high)) + abs(levels.base))
-    for i in range(len(polynomial)):
-        waiting[0, i] = polynomial[i]
-    places[0, 0], places[0, 1] = 0.0, 1.0
-    top = 0
-    while top >= 0:
-        piece = waiting[top]
-        low, high = polynomial_bounds(piece)
-        begin, width = places[top, 0], places[top, 1]
-        if levels.edges[band] < low and high < levels.edges[band + 1]:
-            top -= 1
-        elif is_monotone(piece) or high - low <= flat or width <= 0.5**MAX_HALVINGS:
-            band = _cross_monotone(rows, levels, band, piece, (begin, width), span, values)
-            top -= 1
-        else:
-            halve_polynomial(piece, waiting[top + 1])
-            places[top, 0], places[top, 1] = begin + 0.5 * width, 0.5 * width
-            places[top + 1, 0], places[top + 1, 1] = begin, 0.5 * width
-            top += 1
-    return band
-
-
-@compiled
-def _cross_monotone(
-    rows: CrossingRows,
-    levels: Levels,
-    band: int,
-    piece: F64,
-    place: tuple[float, float],
-    span: tuple[float, float],
-    scratch: F64,
-) -> int:
-    """Record the crossings along a monotone piece that begins at a place in the span and has a width there."""
-    start_value, end_value = piece[0], piece[len(piece) - 1]
-    edges = levels.edges
-    length = span[1] - span[0]
-    begin = span[0] + place[0] * length
-    steepness = 1.0 / (place[1] * length)
-    _, slope = polynomial_value_slope(piece, 0.0, scratch)
-    at_start = (
-        band_below(edges, band, start_value)
-        if start_value > end_value
-        else (band_above(edges, band, start_value))
-    )
-    band = _cross_levels(rows, band, at_start, begin, abs(slope) * steepness)
-    if start_value == end_value:
-        return band
-    rising = start_value < end_value
-    last = band_below(edges, band, end_value) if rising else band_above(edges, band, end_value)
-    while band != last:
-        level = edges[band + 1] if rising else edges[band]
-        root, slope = polynomial_root(piece, level, rising, scratch)
-        distance = min(span[0] + (place[0] + root * place[1]) * length, span[1])
-        band = _cross_levels(rows, band, band + 1 if rising else band - 1, distance, abs(slope) * steepness)
-    return band
+    band = cross_levels(rows, band, band_above(levels.edges, band, value), end, n)
+    record_border(rows, levels, band, value, (end, n), False)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from isosample.integral.cell_grid import CellGrid
-    from isosample.integral.crossing_kernels import CrossingRows, Levels
+    from isosample.integral.crossing_rows import CrossingRows, Levels
     from isosample.integral.reference import Progress
     from isosample.integral.spline_grid import SplineGrid
     from isosample.volume.grid import Volume
@@ -77,8 +77,9 @@ def grid_crossings(
     Along a ray the field of a cell is a polynomial in Bernstein form, of degree 3 or, for a spline, 9. It is
     halved until a piece reaches no isovalue or is monotone, by its coefficients; roots are then good to rounding
     over slope. A value equal to an isovalue is inside; an isovalue that is touched and not passed is no crossing.
-    Where the field begins on an isovalue it begins inside. Crossings along a ray continue each other: from the band of the
-    value on entry every step leads to a neighbouring band, and at last to that of the value on leaving.
+    Where the field begins on an isovalue it begins inside. Crossings along a ray continue each other: from the
+    band of the value on entry every step leads to a neighbouring band, and at last to that of the value on
+    leaving.
     """
     levels = _levels(volume, isovalues)
     grid = _grid(volume, levels.base, reconstruction)
@@ -98,7 +99,7 @@ def grid_crossings(
 
 def _levels(volume: Volume, isovalues: npt.ArrayLike) -> Levels:
     """Isovalues to compare with, or an `InputError`."""
-    from isosample.integral.crossing_kernels import Levels
+    from isosample.integral.crossing_rows import Levels
 
     values = np.array(isovalues, dtype=np.float64)
     if values.ndim != 1 or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
@@ -140,7 +141,7 @@ def _block(
 
 
 def _empty_rows(count: int) -> CrossingRows:
-    from isosample.integral.crossing_kernels import CrossingRows
+    from isosample.integral.crossing_rows import CrossingRows
 
     return CrossingRows(
         used=np.zeros(1, dtype=np.int64),
@@ -149,6 +150,7 @@ def _empty_rows(count: int) -> CrossingRows:
         rising=np.empty(count, dtype=np.bool_),
         slope=np.empty(count),
         value=np.empty(count),
+        cell=np.empty(count, dtype=np.int64),
     )
 
 
