@@ -194,7 +194,7 @@ def _take_roots(
     fraction: F64,
 ) -> None:
     """Replace the roots of the linear interpolant by those of the spline, in place."""
-    from isosample.surfaces.field_kernels import edge_roots
+    from isosample.surfaces.root_kernels import edge_roots
 
     np.clip(fraction, 0.0, 1.0, out=fraction)
     starts = lowers + brick.origin

@@ -49,7 +49,7 @@ def settle_centres(mesh: NamedMesh, brick: BrickSamples, isovalue: float, rows: 
     """Return the mesh with the given vertices, which lie inside cells, moved onto the isosurface."""
     if rows.size == 0:
         return mesh
-    from isosample.surfaces.field_kernels import place_centres
+    from isosample.surfaces.root_kernels import place_centres
 
     places = np.ascontiguousarray(mesh.positions[rows])
     place_centres(
@@ -116,7 +116,7 @@ def _divide(
     mesh: NamedMesh, brick: BrickSamples, isovalue: float, edges: I64
 ) -> tuple[F64, npt.NDArray[np.bool_]]:
     """Places of the vertices that divide edges, and which edges are divided at all."""
-    from isosample.surfaces.field_kernels import divide_edges
+    from isosample.surfaces.root_kernels import divide_edges
 
     places, divided = np.zeros((len(edges), 3)), np.zeros(len(edges), dtype=np.bool_)
     divide_edges(

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     I32 = npt.NDArray[np.int32]
 
 Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
 
 LARGEST_MOVE = 0.5  # of a corrected point [voxel]
 LARGEST_DISTANCE = math.sqrt(3.0)  # a cell's diagonal [voxel]
@@ -34,12 +35,6 @@ POINTS = (
 
 
 @compiled
-def lowest(a: float, b: float, c: float) -> float:
-    """First sample of the cell that holds a triangle, along one axis."""
-    return math.floor(min(a, min(b, c)))
-
-
-@compiled
 def between(place: float, low: float, high: float) -> float:
     """The nearest number in [low, high]."""
     return min(max(place, low), high)
@@ -53,15 +48,17 @@ def distance_of(height: float, gx: float, gy: float, gz: float) -> float:
 
 
 @compiled
-def correction(positions: F64, gradients: F64, corners: I32, shares: Three, place: Three) -> Three:
+def correction(
+    positions: F64, gradients: F64, corners: I32, shares: Three, cell: Three, place: Three
+) -> Three:
     """Return the step [voxel] that takes a point of a triangle to where the quadratic has the isovalue."""
     error, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
     for corner in range(3):
         n, share = corners[corner], shares[corner]
         error += share * (
-            gradients[n, 0] * (place[0] - positions[n, 0])
-            + gradients[n, 1] * (place[1] - positions[n, 1])
-            + gradients[n, 2] * (place[2] - positions[n, 2])
+            gradients[n, 0] * (place[0] - (positions[n, 0] - cell[0]))
+            + gradients[n, 1] * (place[1] - (positions[n, 1] - cell[1]))
+            + gradients[n, 2] * (place[2] - (positions[n, 2] - cell[2]))
         )
         gx += share * gradients[n, 0]
         gy += share * gradients[n, 1]
@@ -74,6 +71,47 @@ def correction(positions: F64, gradients: F64, corners: I32, shares: Three, plac
     if length > LARGEST_MOVE:
         scale *= LARGEST_MOVE / length
     return scale * gx, scale * gy, scale * gz
+
+
+@compiled
+def place_in(cell: Three, positions: F64, corners: I32, shares: Three) -> Three:
+    """Point of a triangle with barycentric coordinates `shares`, in fractions of its cell."""
+    x, y, z = 0.0, 0.0, 0.0
+    for corner in range(3):
+        n, share = corners[corner], shares[corner]
+        x += share * (positions[n, 0] - cell[0])
+        y += share * (positions[n, 1] - cell[1])
+        z += share * (positions[n, 2] - cell[2])
+    return between(x, 0.0, 1.0), between(y, 0.0, 1.0), between(z, 0.0, 1.0)
+
+
+@compiled
+def field_near(coefficients: F64, kernel: F64, smooth: bool, cell: Three, place: Three) -> Four:
+    """Value and derivatives near a cell; in the cell where the field ends before the place."""
+    if smooth:
+        last_x, last_y, last_z = (
+            coefficients.shape[2] - 3.0,
+            coefficients.shape[1] - 3.0,
+            coefficients.shape[0] - 3.0,
+        )
+        place = (
+            between(place[0], -cell[0], last_x - cell[0]),
+            between(place[1], -cell[1], last_y - cell[1]),
+            between(place[2], -cell[2], last_z - cell[2]),
+        )
+        return field_value_gradient(coefficients, kernel, smooth, cell, place)
+    i, j, k = math.floor(place[0]), math.floor(place[1]), math.floor(place[2])
+    found = field_value_gradient(
+        coefficients,
+        kernel,
+        smooth,
+        (cell[0] + i, cell[1] + j, cell[2] + k),
+        (place[0] - i, place[1] - j, place[2] - k),
+    )
+    if not math.isnan(found[0]):
+        return found
+    place = between(place[0], 0.0, 1.0), between(place[1], 0.0, 1.0), between(place[2], 0.0, 1.0)
+    return field_value_gradient(coefficients, kernel, smooth, cell, place)
 
 
 @compiled
@@ -111,61 +149,30 @@ def triangle_residuals(
 
     `sums` (5,): area, ∫ flat distance², largest flat distance, ∫ corrected distance², largest corrected one.
     """
-    last_x, last_y, last_z = (
-        coefficients.shape[2] - 3.0,
-        coefficients.shape[1] - 3.0,
-        coefficients.shape[0] - 3.0,
-    )
     for t in range(len(triangles)):
         corners = triangles[t]
         a, b, c = corners[0], corners[1], corners[2]
         area = area_of(positions, corners)
         sums[0] += area
-        low_x = lowest(positions[a, 0], positions[b, 0], positions[c, 0])
-        low_y = lowest(positions[a, 1], positions[b, 1], positions[c, 1])
-        low_z = lowest(positions[a, 2], positions[b, 2], positions[c, 2])
         flat, curved = 0.0, 0.0
+        cell = (
+            math.floor(min(positions[a, 0], min(positions[b, 0], positions[c, 0]))),
+            math.floor(min(positions[a, 1], min(positions[b, 1], positions[c, 1]))),
+            math.floor(min(positions[a, 2], min(positions[b, 2], positions[c, 2]))),
+        )
+        there = (cell[0] + origin[0], cell[1] + origin[1], cell[2] + origin[2])
         for la, lb, lc, weight in POINTS:
-            x = low_x + between(
-                la * (positions[a, 0] - low_x)
-                + lb * (positions[b, 0] - low_x)
-                + lc * (positions[c, 0] - low_x),
-                0.0,
-                1.0,
-            )
-            y = low_y + between(
-                la * (positions[a, 1] - low_y)
-                + lb * (positions[b, 1] - low_y)
-                + lc * (positions[c, 1] - low_y),
-                0.0,
-                1.0,
-            )
-            z = low_z + between(
-                la * (positions[a, 2] - low_z)
-                + lb * (positions[b, 2] - low_z)
-                + lc * (positions[c, 2] - low_z),
-                0.0,
-                1.0,
-            )
-            value, gx, gy, gz = field_value_gradient(
-                coefficients, kernel, smooth, x + origin[0], y + origin[1], z + origin[2]
-            )
+            shares = (la, lb, lc)
+            place = place_in(cell, positions, corners, shares)
+            value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, there, place)
             height = abs(value - isovalue)
             flat = max(flat, height)
             distance = distance_of(height, gx, gy, gz)
             sums[1] += area * weight * distance * distance
             sums[2] = max(sums[2], distance)
-            dx, dy, dz = correction(positions, gradients, corners, (la, lb, lc), (x, y, z))
-            value = math.nan
-            mx, my, mz = x + dx + origin[0], y + dy + origin[1], z + dz + origin[2]
-            if smooth:
-                mx, my, mz = between(mx, 0.0, last_x), between(my, 0.0, last_y), between(mz, 0.0, last_z)
-            value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, mx, my, mz)
-            if math.isnan(value):
-                mx = between(x + dx, low_x, low_x + 1.0)
-                my = between(y + dy, low_y, low_y + 1.0)
-                mz = between(z + dz, low_z, low_z + 1.0)
-                value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, mx, my, mz)
+            step = correction(positions, gradients, corners, shares, cell, place)
+            moved = (place[0] + step[0], place[1] + step[1], place[2] + step[2])
+            value, gx, gy, gz = field_near(coefficients, kernel, smooth, there, moved)
             height = abs(value - isovalue)
             curved = max(curved, height)
             distance = distance_of(height, gx, gy, gz)
