@@ -142,6 +142,7 @@ def test_too_few_isovalues_are_reported() -> None:
     plan = found(tolerance=1 / 64, max_isovalues=16)
     assert plan.missed == "isovalues"
     assert len(plan.plan.isovalues) <= 16
+    assert plan.report["rounds"][-1]["isovalues"] == 16
     assert plan.reached > 1 / 64
     assert plan.report["rounds"][-1]["error"] > SAFETY / 64
     assert "with exact crossings" in plan.report["reason"]
