@@ -29,5 +29,9 @@ class LostFragmentsError(IsosampleError):
     """The lists do not hold every fragment that was rasterised: the picture would be wrong."""
 
 
+class UnrepairedError(IsosampleError):
+    """A strict picture has pixels with a lost crossing whose place nothing tells."""
+
+
 class CacheError(IsosampleError):
     """A mesh cache is damaged, of another format version, or lacks what the scene needs."""

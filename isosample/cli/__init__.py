@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 
 from isosample.cli import demo, doctor, export, info, precompute, render, verify
 from isosample.cli.parser import CommandParser, join_negative_values, parse_arguments
-from isosample.errors import IsosampleError, LostFragmentsError, OpenGLError, ShaderError
+from isosample.errors import IsosampleError, LostFragmentsError, OpenGLError, ShaderError, UnrepairedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+EXIT_FAILED = 1  # a verification or a strict picture failed
 EXIT_INPUT = 2
 EXIT_OPENGL = 3
 EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of this program, not of its input
@@ -85,6 +86,8 @@ def _reported(run: Callable[[], int], *, debug: bool) -> int:
         return run()
     except (OpenGLError, ShaderError, LostFragmentsError) as error:
         return _fail(f"error: {error}", EXIT_OPENGL, debug=debug)
+    except UnrepairedError as error:
+        return _fail(f"error: {error}", EXIT_FAILED, debug=debug)
     except IsosampleError as error:
         return _fail(f"error: {error}", EXIT_INPUT, debug=debug)
     except MemoryError as error:

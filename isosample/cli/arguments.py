@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from isosample.cli import values
 from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
 
-if TYPE_CHECKING:
-    import argparse
-
+UNSET = 0  # of an option whose None says something
 SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
 CACHE_VARIABLE = "ISOSAMPLE_CACHE"
 CACHE_FOLDER = "meshes_cache"
@@ -70,6 +68,38 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help=f"isovalues inside each visible slope of the transfer function (default {DEFAULT_PER_SLOPE})",
     )
+    parser.add_argument(
+        "--tolerance",
+        type=values.tolerance,
+        metavar="E",
+        help="in place of --per-slope: largest error of a component, such as 1/255, for all but a thousandth of the "
+        "pixels; isovalues and refinement are searched for on pictures from four sides",
+    )
+    parser.add_argument(
+        "--max-isovalues",
+        type=values.count,
+        metavar="N",
+        help="at most so many isovalues for a tolerance (default 512)",
+    )
+    add_reconstruction_option(parser)
+    parser.add_argument(
+        "--refine",
+        type=values.refine,
+        default=UNSET,
+        metavar="N",
+        help="divide the edges of bent triangles into up to 2, 4 or 8, with the new corners on the isosurface; auto: "
+        "until the meshes are within 0.01 voxel of it (default 1; with --tolerance: the most that may be chosen, 8)",
+    )
+
+
+def add_reconstruction_option(parser: argparse.ArgumentParser) -> None:
+    """Add what the field is between the samples."""
+    parser.add_argument(
+        "--reconstruction",
+        choices=("trilinear", "cubic", "bspline", "bc21"),
+        help="field between the samples: trilinear (default); cubic, the smooth spline through them; bspline and bc21 "
+        "smooth the samples too",
+    )
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
@@ -119,9 +149,15 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--segment",
-        choices=("constant", "linear"),
-        default="linear",
-        help="course of the data between two crossings of a ray (default linear)",
+        choices=("constant", "linear", "cubic"),
+        default="cubic",
+        help="course of the data between two crossings of a ray; cubic uses the slopes there (default cubic)",
+    )
+    group.add_argument(
+        "--curved",
+        action=argparse.BooleanOptionalAction,
+        help="move every crossing from its triangle onto the curved surface through the corners (default: with the "
+        "smooth reconstructions)",
     )
     group.add_argument(
         "--segment-opacity",

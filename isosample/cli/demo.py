@@ -192,14 +192,11 @@ def precompute(
 ) -> dict[str, int]:
     """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
     from isosample.cli.precompute import folder_bytes
-    from isosample.cli.sources import plan_for
-    from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
+    from isosample.rendering.preparation import Quality, prepare_surfaces
+    from isosample.surfaces.cache import content_hash, write_cache
 
     start = time.perf_counter()
-    plan = plan_for(tf, volume.value_range, None)
-    surfaces = extract_with_cache(
-        volume, plan.isovalues, cache, progress=lambda done, total: progress("extract", done, total)
-    )
+    surfaces, plan = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
     took["extract"] = time.perf_counter() - start
     start = time.perf_counter()
     write_cache(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,13 +105,15 @@ def _plan(
 ) -> tuple[TransferFunction | None, IsovaluePlan | None]:
     """Return the transfer function and its plan, suggested only where a plan is asked for."""
     from isosample.cli.sources import plan_for, transfer_function_of
+    from isosample.volume.statistics import gradient_at_values
 
     if not args.plan and given is None:
         if args.per_slope is not None:
             raise InputError(f"--per-slope {args.per_slope} changes the plan; add --plan to see it.")
         return None, None
     tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
-    return tf, plan_for(tf, volume.value_range, args.per_slope)
+    gradients = partial(gradient_at_values, volume)
+    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients)
 
 
 def _say(volume: Volume, description: dict[str, Any]) -> None:

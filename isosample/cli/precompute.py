@@ -10,18 +10,19 @@ from isosample.cli import arguments
 from isosample.cli.console import byte_size, progress_bars, say_fields, seconds, thousands
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.parser import add_command
+from isosample.cli.summary import tolerance_fields
 
 if TYPE_CHECKING:
     import argparse
 
     from isosample.cli.parser import Commands
     from isosample.cli.sources import PreparedScene
-    from isosample.surfaces.extract import SurfaceSet
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import F64, Volume
+    from isosample.volume.grid import Volume
 
 EXAMPLE = """\
 isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
+isosample precompute head.nrrd --tf bone.json --tolerance 1/255 --cache head_meshes
 isosample render head_meshes -o head.png"""
 
 
@@ -64,26 +65,19 @@ def precompute(
     args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
 ) -> tuple[Path, PreparedScene]:
     """Write the scene of a volume into its cache folder; return the folder and the scene."""
-    from isosample.cli.sources import default_cache_folder, scene_from_volume
-    from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
+    from isosample.cli.sources import default_cache_folder, quality_of, scene_from_volume
+    from isosample.surfaces.cache import content_hash, write_cache
 
-    folder = args.cache
-
-    def extract(volume: Volume, isovalues: F64) -> SurfaceSet:
-        return extract_with_cache(
-            volume,
-            isovalues,
-            folder,
-            nan_masked=args.nan == "masked",
-            progress=lambda done, total: progress("extract", done, total),
-        )
-
+    quality = quality_of(args)
     volume_hash = content_hash(volume)
+    folder = args.cache
     if folder is None:
         folder = default_cache_folder(volume, volume_hash)
         probe_folder(nearest_existing(folder))
     with progress_bars() as progress:
-        scene = scene_from_volume(args, volume, transfer_function, extract)
+        scene = scene_from_volume(
+            args, volume, transfer_function, quality=quality, residuals=True, cache=folder, progress=progress
+        )
     write_cache(
         folder,
         scene.surfaces,
@@ -104,6 +98,7 @@ def summarise(folder: Path, scene: PreparedScene, duration: float) -> None:
             "transfer function": scene.tf_origin,
             "levels": f"{len(scene.plan.isovalues)} ({found.levels_reused} reused)",
             "triangles": thousands(sum(found.triangles)),
+            **tolerance_fields(scene.plan),
             "size": byte_size(folder_bytes(folder)),
             "seconds": seconds(duration),
         }

@@ -7,43 +7,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
+from isosample.cli.cameras import camera_of, orbit
+from isosample.cli.console import progress_bars
 from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
 from isosample.cli.parser import add_command
+from isosample.cli.summary import check_strict, summarise
 from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
     import argparse
 
-    from isosample.cli.console import Progress
     from isosample.cli.parser import Commands
     from isosample.cli.sources import PreparedScene
-    from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
+    from isosample.rendering.pipeline import Renderer
     from isosample.rendering.settings import RenderSettings
-    from isosample.surfaces.extract import SurfaceSet
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import F64, Box, Volume
+    from isosample.volume.grid import Volume
 
-SURFACE_OPTIONS = {  # with their defaults
-    "cache": None,
-    "per_slope": None,
-    "plan": False,
-    "segment": "linear",
-    "stage": "auto",
-}
-FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
-    "band_violations": "{} crossings did not continue the course of the data on their rays; what was missing was put "
-    "in between, and the picture may be slightly off there",
-    "saturated_segments": "{} segments have an opacity above 1 by the first-order formula, which was cut to 1; more "
-    "isovalues per slope (--per-slope) make them shorter",
-}
-ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
+MESH_OPTIONS = ("cache", "reconstruction", "tolerance", "max_isovalues")  # of a volume, not of a cache folder
 EXAMPLE = """\
 isosample render head.nrrd -o head.png
 isosample render head.nrrd --tf bone.json --up z --azimuth 30 --shading --background 1,1,1 -o head.png
 isosample render head.raw --shape 256,256,128 --dtype uint16 --clip -1,0,0,60 -o half.npy
+isosample render head.nrrd --reconstruction cubic --tolerance 1/255 --error-map errors.png -o head.png
 isosample render meshes_cache/head-1f3a9c07 --size 1200x900 --stats head.json -o head.png"""
 
 
@@ -74,10 +62,22 @@ def add_parser(commands: Commands) -> None:
         help="JSON file for what was extracted, drawn and skipped, and the seconds of every stage",
     )
     parser.add_argument(
+        "--error-map",
+        type=Path,
+        metavar="FILE",
+        help="how far every pixel may be off: .png (false colours) or .npy (float32 (H, W, 3): |cubic - linear|, half "
+        "the guaranteed interval, estimate of the mesh's error)",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="fail where a pixel lacks a crossing whose place nothing tells (default: draw it by a guess, and say so)",
+    )
+    parser.add_argument(
         "--method",
         choices=("data-centric", "reference"),
         default="data-centric",
-        help="data-centric: through isosurfaces, by OpenGL (default); reference: the trilinear field in float64 to "
+        help="data-centric: through isosurfaces, by OpenGL (default); reference: the field itself in float64 to "
         "1e-10, without OpenGL, for comparison",
     )
     arguments.add_plan_options(parser)
@@ -101,91 +101,46 @@ def run(args: argparse.Namespace) -> int:
     _check_outputs(args)
     camera = camera_of(args)
     if args.method == "reference":
-        return _run_reference(args, settings, camera, start)
+        from isosample.cli.reference import run_reference
+
+        return run_reference(args, settings, camera, start)
     scene = _prepare(args)
     if args.plan:
         from isosample.cli.plan_table import say_plan
 
         say_plan(scene.plan)
-    with progress_bars() as progress:
-        image = draw(scene, camera or orbit(args, scene.surfaces.geometry.box), args.size, settings, progress)
-    image.save(args.output)
-    if args.stats:
-        write_json(args.stats, statistics(image, scene, args))
-    summarise(image, scene, args.output, time.perf_counter() - start)
-    return 0
-
-
-def _run_reference(
-    args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, start: float
-) -> int:
-    """Integrate the volume itself; options that are about surfaces are refused."""
-    from isosample.cli.sources import (
-        is_cache_folder,
-        load_transfer_function,
-        open_source_volume,
-        transfer_function_of,
-    )
-    from isosample.rendering.reference_image import render_reference
-
-    for name, default in SURFACE_OPTIONS.items():
-        if getattr(args, name) != default:
-            option = name.replace("_", "-")
-            raise InputError(
-                f"--{option} is about isosurfaces, and --method reference has none; leave it out."
-            )
-    if is_cache_folder(args.source):
-        raise InputError(
-            f"{args.source} is a mesh cache, and --method reference integrates the volume itself; name the volume "
-            "file."
-        )
-    given = load_transfer_function(args.tf)
-    volume = open_source_volume(args, args.source)
-    masked = args.nan == "masked"
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
-    with progress_bars() as progress:
-        image = render_reference(
-            volume,
-            tf,
-            camera=camera or orbit(args, volume.box),
-            size=args.size,
-            settings=settings,
-            nan_masked=masked,
-            progress=progress,
-        )
-    image.save(args.output)
-    if args.stats:
-        write_json(args.stats, image.stats | {"source": str(args.source), "transfer_function": origin})
-    width, height = args.size
-    say_fields(
-        {
-            "picture": f"{args.output} ({width} x {height} pixels), float64 reference",
-            "cells visited": thousands(image.stats["cells_visited"]),
-            "seconds": seconds(time.perf_counter() - start),
+    errors = None
+    with progress_bars() as progress, renderer(scene) as picture:
+        place = {
+            "camera": camera or orbit(args, scene.surfaces.geometry.box),
+            "size": args.size,
+            "settings": settings,
         }
-    )
+        image = picture.render(**place, progress=progress)
+        if args.strict:
+            check_strict(image.stats)
+        if _wants_errors(args, scene):
+            errors = picture.error_map(**place, progress=progress)
+    percentiles = None if errors is None else errors.percentiles()
+    image.save(args.output)
+    if errors is not None and args.error_map:
+        errors.save(args.error_map)
+    if args.stats:
+        write_json(args.stats, statistics(image, scene, args, percentiles))
+    summarise(image, scene, args.output, time.perf_counter() - start, percentiles)
     return 0
 
 
-def draw(
-    scene: PreparedScene,
-    camera: Camera,
-    size: tuple[int, int],
-    settings: RenderSettings,
-    progress: Progress | None = None,
-) -> Image:
-    """Render a prepared scene."""
-    from isosample.rendering.pipeline import render_surfaces
+def _wants_errors(args: argparse.Namespace, scene: PreparedScene) -> bool:
+    """Whether the picture's errors are asked for, or a tolerance has to be held against them."""
+    return args.error_map is not None or bool(scene.plan.report and scene.surfaces.settings.residuals)
 
-    return render_surfaces(
-        scene.surfaces,
-        scene.plan,
-        camera=camera,
-        size=size,
-        settings=settings,
-        progress=progress,
-        seconds=scene.seconds,
-    )
+
+def renderer(scene: PreparedScene) -> Renderer:
+    """Upload a prepared scene."""
+    from isosample.rendering.pipeline import Renderer
+
+    return Renderer(scene.surfaces, scene.plan, seconds=scene.seconds)
 
 
 def settings_of(args: argparse.Namespace) -> RenderSettings:
@@ -202,6 +157,7 @@ def settings_of(args: argparse.Namespace) -> RenderSettings:
         rule = SegmentRule.CONSTANT_FIRST_ORDER
     return RenderSettings(
         segment=rule,
+        curved=args.curved,
         material=Material() if args.shading else None,
         background=args.background,
         clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
@@ -209,65 +165,21 @@ def settings_of(args: argparse.Namespace) -> RenderSettings:
     )
 
 
-def camera_of(args: argparse.Namespace) -> Camera | None:
-    """Return the camera of the file that the arguments name; None where the camera orbits the box."""
-    from isosample.rendering.camera import Camera
-
-    if args.camera is None:
-        return None
-    given = [name for name in ORBIT_OPTIONS if getattr(args, name) is not None]
-    if given:
-        raise InputError(
-            f"--{given[0]} and --camera {args.camera} both place the camera; leave out one of them."
-        )
-    return Camera.load(args.camera)
-
-
-def orbit(args: argparse.Namespace, box: Box) -> Camera:
-    """Return a camera about a box, from those of the four options that are given."""
-    from isosample.rendering.camera import Camera, Projection, UpAxis
-
-    width, height = args.size
-    given: dict[str, Any] = {
-        name: getattr(args, name) for name in ORBIT_OPTIONS if getattr(args, name) is not None
-    }
-    if "projection" in given:
-        given["projection"] = Projection(given["projection"])
-    if "up" in given:
-        given["up_axis"] = UpAxis(given.pop("up"))
-    return Camera.orbit(box, aspect=width / height, **given)
-
-
-def statistics(image: Image, scene: PreparedScene, args: argparse.Namespace) -> dict[str, Any]:
+def statistics(
+    image: Image, scene: PreparedScene, args: argparse.Namespace, errors: dict[str, float] | None
+) -> dict[str, Any]:
     """Return the picture's statistics with what it shows, JSON-ready."""
     found = scene.surfaces.statistics
-    return image.stats | {
-        "source": str(args.source),
-        "transfer_function": scene.tf_origin,
-        "levels_reused": found.levels_reused,
-    }
-
-
-def summarise(image: Image, scene: PreparedScene, path: Path, duration: float) -> None:
-    """Write the picture's path and what it took."""
-    stats = image.stats
-    width, height = stats["size"]
-    reused = scene.surfaces.statistics.levels_reused
-    say_fields(
-        {
-            "picture": f"{path} ({width} x {height} pixels)",
-            "isovalues": f"{len(stats['isovalues'])}" + (f" ({reused} from the cache)" if reused else ""),
-            "triangles": thousands(stats["triangles"]["drawn"]),
-            "fragments": f"{thousands(stats['fragments'])} (at most {stats['max_depth_complexity']} per pixel, "
-            f"lost {stats['lost_fragments']})",
-            "seconds": seconds(duration),
+    more = {} if errors is None else {"error_99.9_percent": errors}
+    return (
+        image.stats
+        | more
+        | {
+            "source": str(args.source),
+            "transfer_function": scene.tf_origin,
+            "levels_reused": found.levels_reused,
         }
     )
-    if not stats["isovalues"] and not scene.plan.band_visible.any():
-        say("nothing is visible: the transfer function has no extinction inside the volume's range")
-    for name, meaning in FLAWS.items():
-        if stats[name]:
-            say(meaning.format(thousands(stats[name])))
 
 
 def _check_outputs(args: argparse.Namespace) -> None:
@@ -275,8 +187,10 @@ def _check_outputs(args: argparse.Namespace) -> None:
     check_suffix(args.output, IMAGE_SUFFIXES, "a picture")
     if args.stats:
         check_suffix(args.stats, (".json",), "a file of statistics")
+    if args.error_map:
+        check_suffix(args.error_map, IMAGE_SUFFIXES, "an error map")
     inputs = [path for path in (args.source, args.tf, args.camera) if path is not None]
-    check_writable({"--output": args.output, "--stats": args.stats}, inputs)
+    check_writable({"--output": args.output, "--stats": args.stats, "--error-map": args.error_map}, inputs)
     if args.cache is not None:
         probe_folder(nearest_existing(args.cache))
 
@@ -288,7 +202,12 @@ def _prepare(args: argparse.Namespace) -> PreparedScene:
 
     transfer_function = sources.load_transfer_function(args.tf)
     if sources.is_cache_folder(args.source):
-        sources.refuse_volume_options(args, args.source, ("cache",))
+        sources.refuse_volume_options(args, args.source, MESH_OPTIONS)
+        if args.refine != arguments.UNSET:
+            raise InputError(
+                f"--refine belongs to a volume file, and {args.source} is a mesh cache; its meshes are what they are. "
+                "Leave out --refine, or name the volume."
+            )
         shared_context()
         return sources.scene_from_cache(
             args.source,
@@ -306,22 +225,21 @@ def _extract(
     args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
 ) -> PreparedScene:
     """Plan and extract, with the cache folder where one is given; its first scene is kept in it."""
-    from isosample.cli.sources import scene_from_volume
-    from isosample.surfaces.cache import content_hash, extract_with_cache, write_cache
-    from isosample.surfaces.extract import extract_surfaces
+    from isosample.cli.sources import quality_of, scene_from_volume
+    from isosample.surfaces.cache import content_hash, write_cache
 
-    masked = args.nan == "masked"
+    quality = quality_of(args)
+    residuals = args.error_map is not None or args.tolerance is not None or args.cache is not None
     with progress_bars() as progress:
-
-        def extract(volume: Volume, isovalues: F64) -> SurfaceSet:
-            def report(done: int, total: int) -> None:
-                progress("extract", done, total)
-
-            if args.cache is None:
-                return extract_surfaces(volume, isovalues, nan_masked=masked, progress=report)
-            return extract_with_cache(volume, isovalues, args.cache, nan_masked=masked, progress=report)
-
-        scene = scene_from_volume(args, volume, transfer_function, extract)
+        scene = scene_from_volume(
+            args,
+            volume,
+            transfer_function,
+            quality=quality,
+            residuals=residuals,
+            cache=args.cache,
+            progress=progress,
+        )
     if args.cache is not None and not (args.cache / "scene.json").exists():
         write_cache(
             args.cache,

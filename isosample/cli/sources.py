@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import re
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +17,16 @@ from isosample.errors import CacheError, InputError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
+    from isosample.cli.console import Progress
+    from isosample.rendering.preparation import Quality
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.settings import ExtractionSettings
     from isosample.transfer.isovalues import IsovaluePlan
+    from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import F64, Volume
+    from isosample.volume.grid import Volume
 
 VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "frame")
 CACHE_FILES = ("volume.json", "scene.json")
@@ -102,13 +107,35 @@ def load_transfer_function(path: Path | None) -> TransferFunction | None:
 
 
 def plan_for(
-    transfer_function: TransferFunction, value_range: tuple[float, float], per_slope: int | None
+    transfer_function: TransferFunction,
+    value_range: tuple[float, float],
+    per_slope: int | None,
+    gradients: Gradients | None,
 ) -> IsovaluePlan:
     """Return the isovalues with K = `per_slope`, or the default for None."""
     from isosample.transfer.isovalues import plan_isovalues
 
     chosen = DEFAULT_PER_SLOPE if per_slope is None else per_slope
-    return plan_isovalues(transfer_function, value_range, per_slope=chosen)
+    return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients)
+
+
+def mesh_gradients(surfaces: SurfaceSet, values: Sequence[float]) -> list[float | None]:
+    """Return typical gradient magnitudes at values from the nearest isosurfaces there are [data units/voxel]."""
+    import numpy as np
+
+    found: list[float | None] = []
+    for value in values:
+        if not len(surfaces.isovalues):
+            return [None] * len(values)
+        pieces = surfaces.pieces(int(np.abs(surfaces.isovalues - value).argmin()))
+        lengths = [np.linalg.norm(piece.gradients, axis=1) for piece in pieces]
+        found.append(float(np.median(np.concatenate(lengths))) if lengths else None)
+    return found
+
+
+def vars_of(settings: ExtractionSettings) -> dict[str, Any]:
+    """Return the settings as keywords."""
+    return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
 def transfer_function_of(
@@ -132,36 +159,76 @@ def transfer_function_of(
     return suggested, "suggested from the histogram"
 
 
+def quality_of(args: argparse.Namespace) -> Quality:
+    """Return how many isovalues and how fine meshes the arguments ask for.
+
+    Raises
+    ------
+    InputError
+        If two options contradict each other.
+    """
+    from isosample.cli.arguments import UNSET
+    from isosample.rendering.preparation import DEFAULT_MAX_ISOVALUES, Quality
+    from isosample.volume.reconstruction import Reconstruction
+
+    if args.tolerance is not None and args.per_slope is not None:
+        raise InputError(
+            f"--tolerance {args.tolerance:g} and --per-slope {args.per_slope} both decide about the isovalues; "
+            "leave out one of them."
+        )
+    if args.max_isovalues is not None and args.tolerance is None:
+        raise InputError(
+            f"--max-isovalues {args.max_isovalues} limits what --tolerance chooses; add --tolerance, or leave it out."
+        )
+    refine = args.refine
+    if refine == UNSET:
+        refine = 1 if args.tolerance is None else None
+    return Quality(
+        per_slope=args.per_slope,
+        tolerance=args.tolerance,
+        max_isovalues=DEFAULT_MAX_ISOVALUES if args.max_isovalues is None else args.max_isovalues,
+        reconstruction=Reconstruction(args.reconstruction or "trilinear"),
+        refine=refine,
+    )
+
+
 def scene_from_volume(
     args: argparse.Namespace,
     volume: Volume,
     given: TransferFunction | None,
-    extract: Callable[[Volume, F64], SurfaceSet],
+    *,
+    quality: Quality,
+    residuals: bool,
+    cache: Path | None,
+    progress: Progress,
 ) -> PreparedScene:
     """Plan and extract the surfaces that a picture of a volume needs.
 
     Parameters
     ----------
     args : Namespace
-        With `tf`, `per_slope` and `nan`.
+        With `tf` and `nan`.
     volume : Volume
     given : TransferFunction or None
         None: one is suggested.
-    extract : callable
-        Gives the surfaces of a volume at (K,) isovalues.
+    quality, residuals, cache, progress
+        As for `prepare_surfaces`.
     """
+    from isosample.rendering.preparation import prepare_surfaces
+
+    masked = args.nan == "masked"
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     start = time.perf_counter()
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
-    plan = plan_for(tf, volume.value_range, args.per_slope)
-    planned = time.perf_counter()
-    surfaces = extract(volume, plan.isovalues)
+    surfaces, plan = prepare_surfaces(
+        volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress
+    )
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
         transfer_function=tf,
         name=volume.name,
         tf_origin=origin,
-        seconds={"plan": planned - start, "extract": time.perf_counter() - planned},
+        seconds={"extract": time.perf_counter() - start},
     )
 
 
@@ -193,20 +260,22 @@ def scene_from_cache(
         If the folder is damaged, of another version, or lacks a scene or an isovalue.
     """
     from isosample.surfaces.cache import load_cache, load_surface_set
-    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.surfaces.settings import ExtractionSettings
 
     start = time.perf_counter()
-    if given is None and per_slope is None:
-        scene = load_cache(folder)
-        surfaces, plan, tf = scene.surfaces, scene.plan, scene.transfer_function
-        if nan_masked and not surfaces.settings.nan_masked:
-            surfaces = load_surface_set(folder, plan.isovalues, nan_masked=True)
+    own = load_cache(folder) if (folder / "scene.json").exists() or given is None else None
+    settings = own.surfaces.settings if own else ExtractionSettings()
+    settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
+    if own is not None and given is None and per_slope is None:
+        surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
+        if surfaces.settings != settings:
+            surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
     else:
-        own = _stored_scene(folder) if given is None or (folder / "scene.json").exists() else {}
-        tf = given if given is not None else TransferFunction.from_dict(own["transfer_function"])
-        plan = plan_for(tf, load_surface_set(folder, ()).value_range, per_slope)
-        masked = nan_masked or bool(own and own["settings"]["nan_masked"])
-        surfaces = load_surface_set(folder, plan.isovalues, nan_masked=masked)
+        tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
+        value_range = own.surfaces.value_range if own else load_surface_set(folder, ()).value_range
+        gradients = None if own is None else partial(mesh_gradients, own.surfaces)
+        plan = plan_for(tf, value_range, per_slope, gradients)
+        surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -226,12 +295,14 @@ def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -
         As `scene_from_cache`; a missing isovalue is told with those that are there.
     """
     from isosample.surfaces.cache import load_surface_set
+    from isosample.surfaces.settings import ExtractionSettings
 
     load_surface_set(folder, ())  # tells what is wrong with the folder itself
     scene = _stored_scene(folder) if (folder / "scene.json").exists() else {}
-    masked = nan_masked or bool(scene and scene["settings"]["nan_masked"])
+    settings = ExtractionSettings.from_dict(scene["settings"]) if scene else ExtractionSettings()
+    settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
     try:
-        return load_surface_set(folder, (isovalue,), nan_masked=masked)
+        return load_surface_set(folder, (isovalue,), **vars_of(settings))
     except CacheError as error:
         there = [float.fromhex(entry["isovalue"]) for entry in scene.get("surfaces", [])]
         if not there or isovalue in there:

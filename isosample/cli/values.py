@@ -34,6 +34,27 @@ def positive(text: str) -> float:
     return number
 
 
+def tolerance(text: str) -> float:
+    """Return an error between 0 and 1, as a number or a fraction such as 1/255."""
+    top, slash, bottom = text.partition("/")
+    try:
+        number = positive(top) / positive(bottom) if slash else positive(top)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be an error above 0, such as 1/255 or 0.004"
+        ) from error
+    return number
+
+
+def refine(text: str) -> int | None:
+    """Return 1, 2, 4 or 8, or None for ``auto``."""
+    if text == "auto":
+        return None
+    if text not in ("1", "2", "4", "8"):
+        raise argparse.ArgumentTypeError(f"{text!r} must be 1, 2, 4, 8 or auto")
+    return int(text)
+
+
 def zoom(text: str) -> float:
     """Return a magnification that float32 can show."""
     factor = positive(text)

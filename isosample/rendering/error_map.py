@@ -148,6 +148,8 @@ def error_map(
 
     Raises
     ------
+    InputError
+        If the surfaces were extracted without `residuals`.
     CapacityError
         As `ABuffer.render`.
 
@@ -155,6 +157,10 @@ def error_map(
     -----
     The lists of the picture are read back and integrated in float64 (`judge_lists`), part by part.
     """
+    if not surfaces.settings.residuals:
+        raise InputError(
+            "an error map needs to know how far the meshes are from the isosurfaces; extract them with residuals=True."
+        )
     width, height = size
     in_parts = replace(settings, fragment_budget_bytes=min(PART_BYTES, settings.fragment_budget_bytes))
     origins, directions = (

@@ -6,16 +6,16 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Self
 
-from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
+from isosample.defaults import DEFAULT_SIZE
 from isosample.gl.context import shared_context
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
+from isosample.rendering.preparation import DEFAULT_MAX_ISOVALUES, Quality, prepare_surfaces
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings, check_size
-from isosample.surfaces.extract import extract_surfaces
-from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,7 +37,11 @@ def render(
     *,
     camera: Camera | None = None,
     size: tuple[int, int] = DEFAULT_SIZE,
-    per_slope: int = DEFAULT_PER_SLOPE,
+    per_slope: int | None = None,
+    tolerance: float | None = None,
+    max_isovalues: int = DEFAULT_MAX_ISOVALUES,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int | None = None,
     settings: RenderSettings | None = None,
     nan_masked: bool = False,
     progress: Progress | None = None,
@@ -53,8 +57,18 @@ def render(
         `Camera.orbit(volume.box)` by default.
     size : (width, height)
         Pixels.
-    per_slope : int
-        Isovalues inside each visible slope of the transfer function.
+    per_slope : int, optional
+        Isovalues inside each visible slope of the transfer function (default 5).
+    tolerance : float, optional
+        In place of `per_slope`: largest error of a component of a pixel, for all but a thousandth of the pixels.
+        Isovalues and refinement are searched for; ``image.stats["tolerance"]`` says what was reached.
+    max_isovalues : int
+        At most so many for a tolerance.
+    reconstruction : Reconstruction
+        The field between the samples: trilinear, or a smooth one.
+    refine : int, optional
+        Into how many pieces an edge of the mesh may be divided: 1 (default), 2, 4 or 8; for a tolerance the
+        largest that may be chosen (default 8).
     settings : RenderSettings, optional
         Segment rule, shading, background, clip planes.
     nan_masked : bool
@@ -78,10 +92,16 @@ def render(
     shared_context()  # a missing driver is told before the long work
     if transfer_function is None:
         transfer_function = TransferFunction.suggest(volume)
-    plan = plan_isovalues(transfer_function, volume.value_range, per_slope=per_slope)
+    quality = Quality(
+        per_slope=per_slope,
+        tolerance=tolerance,
+        max_isovalues=max_isovalues,
+        reconstruction=reconstruction,
+        refine=(1 if tolerance is None else None) if refine is None else refine,
+    )
     start = time.perf_counter()
-    surfaces = extract_surfaces(
-        volume, plan.isovalues, nan_masked=nan_masked, progress=_stage_progress(progress, "extract")
+    surfaces, plan = prepare_surfaces(
+        volume, transfer_function, quality, nan_masked=nan_masked, progress=progress
     )
     seconds = {"extract": time.perf_counter() - start}
     return render_surfaces(
@@ -241,6 +261,9 @@ def statistics_of(
             **{f"plan: {reason}": count for reason, count in scene.plan.skipped.items()},
         },
         **counts,
+        "reconstruction": surfaces.settings.reconstruction.value,
+        "refine": surfaces.settings.refine,
+        **({"tolerance": scene.plan.report} if scene.plan.report else {}),
     }
 
 

@@ -150,9 +150,9 @@ class Scene:
             band_optics=optics.astype(np.float32),
             level_optics=_level_optics(plan, scale),
             residuals=_residuals(chosen, scale),
-            face_kernel=None if getattr(border, "kernel", None) is None else border.kernel.astype(np.float32),
+            face_kernel=None if border.kernel is None else border.kernel.astype(np.float32),
             plan=plan,
-            reconstruction=getattr(surfaces.settings, "reconstruction", Reconstruction.TRILINEAR),
+            reconstruction=surfaces.settings.reconstruction,
         )
 
 
@@ -204,11 +204,7 @@ def _level_optics(plan: IsovaluePlan, scale: ValueScale) -> F32:
 
 def _residuals(by_level: list[list[BrickMesh]], scale: ValueScale) -> F32:
     """(V, 2) float32, normalised, in the order of the vertices."""
-    parts = [
-        getattr(mesh, "residuals", np.zeros((len(mesh.positions), 2), np.float32))
-        for meshes in by_level
-        for mesh in meshes
-    ]
+    parts = [mesh.residuals for meshes in by_level for mesh in meshes]
     found: F32 = np.concatenate([np.zeros((0, 2), dtype=np.float32), *parts])
     return found * np.float32(scale.inverse_width)
 

@@ -1,0 +1,44 @@
+"""The camera that the arguments describe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.rendering.camera import Camera
+    from isosample.volume.grid import Box
+
+ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
+
+
+def camera_of(args: argparse.Namespace) -> Camera | None:
+    """Return the camera of the file that the arguments name; None where the camera orbits the box."""
+    from isosample.rendering.camera import Camera
+
+    if args.camera is None:
+        return None
+    given = [name for name in ORBIT_OPTIONS if getattr(args, name) is not None]
+    if given:
+        raise InputError(
+            f"--{given[0]} and --camera {args.camera} both place the camera; leave out one of them."
+        )
+    return Camera.load(args.camera)
+
+
+def orbit(args: argparse.Namespace, box: Box) -> Camera:
+    """Return a camera about a box, from those of the four options that are given."""
+    from isosample.rendering.camera import Camera, Projection, UpAxis
+
+    width, height = args.size
+    given: dict[str, Any] = {
+        name: getattr(args, name) for name in ORBIT_OPTIONS if getattr(args, name) is not None
+    }
+    if "projection" in given:
+        given["projection"] = Projection(given["projection"])
+    if "up" in given:
+        given["up_axis"] = UpAxis(given.pop("up"))
+    return Camera.orbit(box, aspect=width / height, **given)

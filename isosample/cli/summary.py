@@ -1,0 +1,108 @@
+"""What `render` and `precompute` tell at their end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli.console import say, say_fields, seconds, thousands
+from isosample.errors import UnrepairedError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from isosample.cli.sources import PreparedScene
+    from isosample.rendering.image import Image
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+
+FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
+    "band_violations": "{} crossings did not continue the course of the data on their rays; what was missing was put "
+    "in between, and the picture may be slightly off there",
+    "unrepaired_pixels": "{} pixels lack a crossing whose place nothing tells; they were drawn by a guess "
+    "(--strict makes them an error)",
+    "saturated_segments": "{} segments have an opacity above 1 by the first-order formula, which was cut to 1; more "
+    "isovalues per slope (--per-slope) make them shorter",
+}
+
+
+def check_strict(stats: dict[str, Any]) -> None:
+    """Raise `UnrepairedError` if a picture has pixels that were drawn by a guess."""
+    pixels = stats["unrepaired_pixels"]
+    if pixels:
+        raise UnrepairedError(
+            f"{pixels} pixels lack a crossing whose place nothing tells, and --strict is given; no picture is "
+            "written. More isovalues (--per-slope) or finer meshes (--refine) may cure it; without --strict the "
+            "pixels are drawn by a guess."
+        )
+
+
+def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
+    """Rows about the tolerance that a plan was made for; none without one."""
+    report = plan.report
+    if not report:
+        return {}
+    verdict = "reached" if report["missed"] is None else f"NOT reached, {report['missed']}"
+    views = len(report["views"])
+    return {
+        "tolerance": f"{report['tolerance']:.3g}: {verdict}; all but 0.1 % of the pixels of {views} views err less "
+        f"than {report['reached']:.2g}",
+        "plan": report["reason"],
+    }
+
+
+def summarise(
+    image: Image,
+    scene: PreparedScene,
+    path: Path,
+    duration: float,
+    errors: dict[str, float] | None = None,
+) -> None:
+    """Write the picture's path, what it took, and how far it may be off."""
+    stats = image.stats
+    width, height = stats["size"]
+    reused = scene.surfaces.statistics.levels_reused
+    fields = {
+        "picture": f"{path} ({width} x {height} pixels)",
+        "isovalues": f"{len(stats['isovalues'])}" + (f" ({reused} from the cache)" if reused else ""),
+        "triangles": thousands(stats["triangles"]["drawn"]),
+        "fragments": f"{thousands(stats['fragments'])} (at most {stats['max_depth_complexity']} per pixel, "
+        f"lost {stats['lost_fragments']})",
+        **tolerance_fields(scene.plan),
+    }
+    if errors is not None:
+        fields["error"] = error_line(errors)
+    say_fields(fields | {"seconds": seconds(duration)})
+    if not stats["isovalues"] and not scene.plan.band_visible.any():
+        say("nothing is visible: the transfer function has no extinction inside the volume's range")
+    for name, meaning in FLAWS.items():
+        if stats[name]:
+            say(meaning.format(thousands(stats[name])))
+    if errors is not None and scene.plan.report:
+        say_tolerance(errors, scene.plan)
+
+
+def error_line(errors: dict[str, float]) -> str:
+    """The 99.9 percentiles of an error map."""
+    return (
+        f"99.9 % of the pixels: |cubic - linear| below {errors['indicator']:.2g}, mesh about {errors['mesh']:.2g}, "
+        f"guaranteed with exact crossings {errors['interval']:.2g}"
+    )
+
+
+def say_tolerance(errors: dict[str, float], plan: IsovaluePlan) -> None:
+    """Tell where this view may miss the tolerance that its plan was made for."""
+    tolerance = plan.report["tolerance"]
+    expected = expected_error(errors, plan)
+    if expected > tolerance:
+        say(
+            f"this view may miss the tolerance: an error of about {expected:.2g} is expected, {tolerance:.2g} was "
+            "asked for; a smaller --tolerance adds isovalues"
+        )
+
+
+def expected_error(errors: dict[str, float], plan: IsovaluePlan) -> float:
+    """Error that a view is expected to have, from its error map and what the views of the plan showed.
+
+    There the error was the share `calibration` of the indicator; the mesh's estimate is added.
+    """
+    share = float(plan.report.get("calibration", 1.0))
+    return share * errors["indicator"] + errors["mesh"]

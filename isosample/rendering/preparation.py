@@ -1,0 +1,198 @@
+"""From a volume and a transfer function to surfaces: as many and as fine as one asks for, or as a tolerance needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+from isosample.defaults import DEFAULT_PER_SLOPE
+from isosample.errors import InputError
+from isosample.surfaces.cache import extract_with_cache
+from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.settings import REFINEMENTS
+from isosample.transfer.isovalues import plan_isovalues
+from isosample.volume.reconstruction import GridSpline, Reconstruction
+from isosample.volume.statistics import gradient_at_values
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from isosample.surfaces.surface_set import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+    Progress = Callable[[str, int, int], None]
+
+AUTO_DISTANCE = 0.01  # rms distance between mesh and isosurface that `refine=None` asks for [voxel]
+DEFAULT_MAX_ISOVALUES = 512
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quality:
+    """How many isovalues a picture gets, and how well its meshes follow the field.
+
+    Attributes
+    ----------
+    per_slope : int or None
+        Isovalues inside each visible slope of the transfer function; None: the default, or what the tolerance
+        needs.
+    tolerance : float or None
+        Largest error of a component of a pixel, for all but a thousandth of the pixels; the isovalues and the
+        refinement are then searched for. None: `per_slope` decides.
+    max_isovalues : int
+        At most so many isovalues for a tolerance.
+    reconstruction : Reconstruction
+        The field between the samples.
+    refine : int or None
+        Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8. None: as many as the meshes need to
+        come within 0.01 voxel (rms) of the isosurfaces, or as the tolerance needs.
+
+    Raises
+    ------
+    InputError
+        If two options contradict each other or one is out of range.
+    """
+
+    per_slope: int | None = None
+    tolerance: float | None = None
+    max_isovalues: int = DEFAULT_MAX_ISOVALUES
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    refine: int | None = 1
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and self.per_slope is not None:
+            raise InputError(
+                f"per_slope {self.per_slope} and tolerance {self.tolerance:g} both decide about the isovalues; "
+                "leave out one of them."
+            )
+        if self.refine is not None and self.refine not in REFINEMENTS:
+            raise InputError(
+                f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
+            )
+
+
+class Prepared(NamedTuple):
+    """Surfaces and the plan they were extracted for."""
+
+    surfaces: SurfaceSet
+    plan: IsovaluePlan
+
+
+def prepare_surfaces(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    quality: Quality,
+    *,
+    nan_masked: bool = False,
+    residuals: bool = False,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Prepared:
+    """Plan and extract what a picture needs.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction
+    quality : Quality
+    nan_masked : bool
+        Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
+    residuals : bool
+        Measure the distance of the meshes from the isosurfaces, for error maps.
+    cache : path, optional
+        Folder whose surfaces of this volume are used again and added to.
+    progress : callable, optional
+        Called with the stage, steps done and steps in all.
+
+    Returns
+    -------
+    prepared : Prepared
+        The plan has a `report` where a tolerance was asked for.
+
+    Raises
+    ------
+    InputError, CacheError
+        As `extract_with_cache`, `plan_isovalues` and `plan_for_tolerance`.
+    OpenGLError
+        If a tolerance is asked for and there is no usable OpenGL.
+    """
+    if quality.tolerance is not None:
+        return _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
+    plan = plan_for(volume, transfer_function, quality)
+    extract = partial(
+        extract_surfaces if cache is None else partial(_extract_into, cache),
+        nan_masked=nan_masked,
+        reconstruction=quality.reconstruction,
+        progress=None if progress is None else partial(progress, "extract"),
+    )
+    if quality.refine is not None:
+        return Prepared(extract(volume, plan.isovalues, refine=quality.refine, residuals=residuals), plan)
+    for refine in REFINEMENTS:
+        surfaces = extract(volume, plan.isovalues, refine=refine, residuals=True)
+        if mesh_distance(surfaces) <= AUTO_DISTANCE:
+            break
+    return Prepared(surfaces, plan)
+
+
+def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
+    """Isovalues with so many per slope, of the range that the reconstruction can take."""
+    per_slope = DEFAULT_PER_SLOPE if quality.per_slope is None else quality.per_slope
+    smooth = quality.reconstruction.smooth
+    value_range = (
+        GridSpline.build(volume, quality.reconstruction).value_range if smooth else volume.value_range
+    )
+    return plan_isovalues(
+        transfer_function, value_range, per_slope=per_slope, gradients=partial(gradient_at_values, volume)
+    )
+
+
+def mesh_distance(surfaces: SurfaceSet) -> float:
+    """Largest rms distance of a level from its isosurface, as it is rendered [voxel]."""
+    errors = [error for error in surfaces.mesh_errors if error is not None]
+    curved = surfaces.settings.reconstruction.smooth
+    return max((error.curved_rms if curved else error.flat_rms for error in errors), default=0.0)
+
+
+def _extract_into(cache: Path, volume: Volume, isovalues: object, **options: object) -> SurfaceSet:
+    return extract_with_cache(volume, isovalues, cache, **options)  # type: ignore[arg-type]  # passed through
+
+
+def _for_tolerance(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    quality: Quality,
+    nan_masked: bool,
+    cache: Path | None,
+    progress: Progress | None,
+) -> Prepared:
+    """Search for a plan; its surfaces go through the cache where there is one."""
+    from isosample.rendering.tolerance import plan_for_tolerance
+
+    assert quality.tolerance is not None
+    found = plan_for_tolerance(
+        volume,
+        transfer_function,
+        quality.tolerance,
+        reconstruction=quality.reconstruction,
+        max_isovalues=quality.max_isovalues,
+        max_refine=quality.refine or REFINEMENTS[-1],
+        nan_masked=nan_masked,
+        progress=progress,
+    )
+    settings = found.surfaces.settings
+    if cache is None and settings.residuals:
+        return Prepared(found.surfaces, found.plan)
+    extract = extract_surfaces if cache is None else partial(_extract_into, cache)
+    surfaces = extract(
+        volume,
+        found.plan.isovalues,
+        nan_masked=nan_masked,
+        reconstruction=quality.reconstruction,
+        refine=found.refine,
+        residuals=True,
+        progress=None if progress is None else partial(progress, "extract"),
+    )
+    return Prepared(surfaces, found.plan)
