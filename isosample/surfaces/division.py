@@ -22,7 +22,7 @@ _TWO_FROM_C = ((3, 1, 4), (0, 3, 2), (3, 4, 2))  # … or from c
 _THREE = ((0, 3, 5), (3, 1, 4), (4, 2, 5), (3, 4, 5))
 
 
-def divide_triangles(triangles: I32, new_vertices: I64, positions: F64) -> I32:
+def divide_triangles(triangles: I32, new_vertices: I64, positions: F64) -> tuple[I32, I64]:
     """Return the triangles that take the place of triangles with divided sides, in the order of their parents.
 
     Parameters
@@ -36,6 +36,8 @@ def divide_triangles(triangles: I32, new_vertices: I64, positions: F64) -> I32:
     Returns
     -------
     children : (T', 3) int32
+    parents : (T',) int64
+        Row of each child's parent.
     """
     divided = new_vertices != WHOLE
     count = divided.sum(axis=1)
@@ -60,8 +62,7 @@ def divide_triangles(triangles: I32, new_vertices: I64, positions: F64) -> I32:
         parents.append(np.repeat(found, len(pattern)))
         children.append(rows[found][:, pattern].reshape(-1, 3))
     order = np.argsort(np.concatenate(parents), kind="stable")
-    result: I32 = np.concatenate(children)[order].astype(np.int32)
-    return result
+    return np.concatenate(children)[order].astype(np.int32), np.concatenate(parents)[order]
 
 
 def _square(positions: F64, first: I64, second: I64) -> F64:

@@ -34,6 +34,7 @@ REFINE_TOLERANCE = 1e-3  # an edge whose middle is nearer to the isosurface stay
 CENTRE_REACH = 0.5  # how far a vertex inside a cell may move onto the isosurface [voxel]
 
 U64 = npt.NDArray[np.uint64]
+Bool = npt.NDArray[np.bool_]
 
 
 class NamedMesh(NamedTuple):
@@ -67,19 +68,47 @@ def refined(mesh: NamedMesh, brick: BrickSamples, isovalue: float, rounds: int) 
         count = len(mesh.positions)
         edges, edge_of_side = _edges(mesh.triangles, count, first_new)
         places, divided = _divide(mesh, brick, isovalue, edges)
+        children = _children(mesh, edges, edge_of_side, places, divided)
         if not divided.any():
             break
         edges, places, first_new = edges[divided], places[divided], count
-        vertex_of_edge = np.full(len(divided) + 1, WHOLE)  # the last is that of sides that were not looked at
-        vertex_of_edge[np.flatnonzero(divided)] = count + np.arange(len(edges))
-        positions = np.concatenate([mesh.positions, places])
         mesh = NamedMesh(
-            positions=positions,
+            positions=np.concatenate([mesh.positions, places]),
             gradients=np.concatenate([mesh.gradients, gradients_at(brick, places)]),
             keys=np.concatenate([mesh.keys, keys_between(mesh.keys[edges[:, 0]], mesh.keys[edges[:, 1]])]),
-            triangles=divide_triangles(mesh.triangles, vertex_of_edge[edge_of_side], positions),
+            triangles=children,
         )
     return mesh
+
+
+def _children(mesh: NamedMesh, edges: I64, edge_of_side: I64, places: F64, divided: Bool) -> I32:
+    """Return the triangles after division, new vertices numbered by the divided edges in their order.
+
+    Edges inside cells whose division gives a triangle without area are left whole: `divided` is changed. Two
+    vertices 2**-14 voxel apart, around a sample that equals the isovalue, may have the same nearest point. Both
+    triangles at such an edge lie in its cell, so that they and every brick come to the same decision.
+    """
+    ends, count = mesh.positions[edges], len(mesh.positions)
+    in_cell = ~((ends[:, 0] == ends[:, 1]) & (ends[:, 0] == np.floor(ends[:, 0]))).any(axis=1)
+    positions = np.concatenate([mesh.positions, places])
+    while True:
+        vertex_of_edge = np.append(np.where(divided, count + np.arange(len(edges)), WHOLE), WHOLE)
+        children, parents = divide_triangles(mesh.triangles, vertex_of_edge[edge_of_side], positions)
+        sides = edge_of_side[parents[~_has_area(positions, children)]]
+        withdrawn = sides[(sides >= 0) & in_cell[sides] & divided[sides]]
+        if withdrawn.size == 0:
+            break
+        divided[withdrawn] = False
+    numbers = np.concatenate([np.arange(count), count - 1 + np.cumsum(divided)])
+    return numbers[children].astype(np.int32)
+
+
+def _has_area(positions: F64, triangles: I32) -> Bool:
+    """(T,) bool, whether a triangle's corners are not on one line."""
+    a, b, c = (positions[triangles[:, corner]] for corner in range(3))
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    found: Bool = (uy * vz != uz * vy) | (uz * vx != ux * vz) | (ux * vy != uy * vx)
+    return found
 
 
 def keys_between(first: I64, second: I64) -> I64:
@@ -112,9 +141,7 @@ def _edges(triangles: I32, vertex_count: int, first_new: int) -> tuple[I64, I64]
     return np.stack(np.divmod(names, vertex_count), axis=1), edge_of_side
 
 
-def _divide(
-    mesh: NamedMesh, brick: BrickSamples, isovalue: float, edges: I64
-) -> tuple[F64, npt.NDArray[np.bool_]]:
+def _divide(mesh: NamedMesh, brick: BrickSamples, isovalue: float, edges: I64) -> tuple[F64, Bool]:
     """Places of the vertices that divide edges, and which edges are divided at all."""
     from isosample.surfaces.root_kernels import divide_edges
 
