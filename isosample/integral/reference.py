@@ -102,7 +102,7 @@ def integrate_rays(
     where these are 0: a proven bound, from Bernstein coefficients. It changes depth and colour by at most half
     the tolerance; the quadrature has the other half. At a step of extinction or colour the crossing moves by that
     difference over the field's slope, and an isosurface that is touched more closely than that may be crossed
-    twice or not at all: near such rays the error can be larger. Opacity under one colour is exact.
+    twice or not at all: near such rays the error can be larger.
     """
     tracer = ReferenceTracer.build(
         volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, panels=panels
