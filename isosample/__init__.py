@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction as TransferFunction
     from isosample.volume.grid import Volume as Volume
     from isosample.volume.readers import open_volume as open_volume
+    from isosample.volume.reconstruction import Reconstruction as Reconstruction
 
 if TYPE_CHECKING:
     extract = extract_meshes
@@ -51,6 +52,7 @@ _HOMES = {
     "IsosampleError": "errors",
     "Material": "rendering.settings",
     "Projection": "rendering.camera",
+    "Reconstruction": "volume.reconstruction",
     "RenderSettings": "rendering.settings",
     "Renderer": "rendering.pipeline",
     "SegmentRule": "integral.segment_rule",

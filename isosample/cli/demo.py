@@ -195,9 +195,8 @@ def precompute(
     from isosample.rendering.preparation import Quality, prepare_surfaces
     from isosample.surfaces.cache import content_hash, write_cache
 
-    start = time.perf_counter()
-    surfaces, plan = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
-    took["extract"] = time.perf_counter() - start
+    surfaces, plan, seconds = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
+    took |= seconds
     start = time.perf_counter()
     write_cache(
         cache,

@@ -91,7 +91,8 @@ def open_source_volume(args: argparse.Namespace, path: Path) -> Volume:
 
 def refuse_volume_options(args: argparse.Namespace, folder: Path, more: Sequence[str] = ()) -> None:
     """Raise `InputError` where options that describe a volume are given for a cache folder."""
-    given = [name for name in (*VOLUME_OPTIONS, *more) if getattr(args, name) is not None]
+    names = (*VOLUME_OPTIONS, *more)
+    given = [name.replace("_", "-") for name in names if getattr(args, name) is not None]
     if given:
         raise InputError(
             f"--{given[0]} belongs to a volume file, and {folder} is a mesh cache; its meshes are what they "
@@ -218,8 +219,7 @@ def scene_from_volume(
 
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
-    start = time.perf_counter()
-    surfaces, plan = prepare_surfaces(
+    surfaces, plan, seconds = prepare_surfaces(
         volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress
     )
     return PreparedScene(
@@ -228,7 +228,7 @@ def scene_from_volume(
         transfer_function=tf,
         name=volume.name,
         tf_origin=origin,
-        seconds={"extract": time.perf_counter() - start},
+        seconds=seconds,
     )
 
 

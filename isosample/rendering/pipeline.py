@@ -99,11 +99,9 @@ def render(
         reconstruction=reconstruction,
         refine=(1 if tolerance is None else None) if refine is None else refine,
     )
-    start = time.perf_counter()
-    surfaces, plan = prepare_surfaces(
+    surfaces, plan, seconds = prepare_surfaces(
         volume, transfer_function, quality, nan_masked=nan_masked, progress=progress
     )
-    seconds = {"extract": time.perf_counter() - start}
     return render_surfaces(
         surfaces, plan, camera=camera, size=size, settings=settings, progress=progress, seconds=seconds
     )

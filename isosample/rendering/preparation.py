@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -75,10 +76,11 @@ class Quality:
 
 
 class Prepared(NamedTuple):
-    """Surfaces and the plan they were extracted for."""
+    """Surfaces, the plan they were extracted for, and the seconds of both stages."""
 
     surfaces: SurfaceSet
     plan: IsovaluePlan
+    seconds: dict[str, float]
 
 
 def prepare_surfaces(
@@ -119,9 +121,11 @@ def prepare_surfaces(
     OpenGLError
         If a tolerance is asked for and there is no usable OpenGL.
     """
+    start = time.perf_counter()
     if quality.tolerance is not None:
         return _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
     plan = plan_for(volume, transfer_function, quality)
+    planned = time.perf_counter()
     extract = partial(
         extract_surfaces if cache is None else partial(_extract_into, cache),
         nan_masked=nan_masked,
@@ -129,12 +133,13 @@ def prepare_surfaces(
         progress=None if progress is None else partial(progress, "extract"),
     )
     if quality.refine is not None:
-        return Prepared(extract(volume, plan.isovalues, refine=quality.refine, residuals=residuals), plan)
-    for refine in REFINEMENTS:
-        surfaces = extract(volume, plan.isovalues, refine=refine, residuals=True)
-        if mesh_distance(surfaces) <= AUTO_DISTANCE:
-            break
-    return Prepared(surfaces, plan)
+        surfaces = extract(volume, plan.isovalues, refine=quality.refine, residuals=residuals)
+    else:
+        for refine in REFINEMENTS:
+            surfaces = extract(volume, plan.isovalues, refine=refine, residuals=True)
+            if mesh_distance(surfaces) <= AUTO_DISTANCE:
+                break
+    return Prepared(surfaces, plan, {"plan": planned - start, "extract": time.perf_counter() - planned})
 
 
 def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
@@ -172,6 +177,7 @@ def _for_tolerance(
     from isosample.rendering.tolerance import plan_for_tolerance
 
     assert quality.tolerance is not None
+    start = time.perf_counter()
     found = plan_for_tolerance(
         volume,
         transfer_function,
@@ -182,17 +188,17 @@ def _for_tolerance(
         nan_masked=nan_masked,
         progress=progress,
     )
-    settings = found.surfaces.settings
-    if cache is None and settings.residuals:
-        return Prepared(found.surfaces, found.plan)
-    extract = extract_surfaces if cache is None else partial(_extract_into, cache)
-    surfaces = extract(
-        volume,
-        found.plan.isovalues,
-        nan_masked=nan_masked,
-        reconstruction=quality.reconstruction,
-        refine=found.refine,
-        residuals=True,
-        progress=None if progress is None else partial(progress, "extract"),
-    )
-    return Prepared(surfaces, found.plan)
+    planned = time.perf_counter()
+    surfaces = found.surfaces
+    if cache is not None or not surfaces.settings.residuals:
+        extract = extract_surfaces if cache is None else partial(_extract_into, cache)
+        surfaces = extract(
+            volume,
+            found.plan.isovalues,
+            nan_masked=nan_masked,
+            reconstruction=quality.reconstruction,
+            refine=found.refine,
+            residuals=True,
+            progress=None if progress is None else partial(progress, "extract"),
+        )
+    return Prepared(surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned})

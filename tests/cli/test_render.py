@@ -16,7 +16,8 @@ import isosample
 from cli.harness import Run, blob, write_json
 from cli.test_info import write_turned
 from isosample.cli import build_parser
-from isosample.cli.render import settings_of, summarise
+from isosample.cli.render import settings_of
+from isosample.cli.summary import summarise
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -40,7 +41,7 @@ def by_library(**options: Any) -> npt.NDArray[np.float32]:
         volume,
         isosample.TransferFunction.load("tf.json"),
         size=(24, 16),
-        per_slope=options.pop("per_slope", 5),
+        **{name: options.pop(name) for name in ("per_slope", "refine", "reconstruction") if name in options},
         camera=isosample.Camera.orbit(volume.box, aspect=1.5, **camera),
         settings=isosample.RenderSettings(**options),
     ).rgba
@@ -71,6 +72,14 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "--azimuth -30": {"camera": {"azimuth": -30.0}},
     "--projection perspective": {"camera": {"projection": isosample.Projection.PERSPECTIVE}},
     "--per-slope 1": {"per_slope": 1},
+    "--segment linear": {"segment": isosample.SegmentRule.LINEAR},
+    "--curved": {"curved": True},
+    "--reconstruction cubic": {"reconstruction": isosample.Reconstruction.CUBIC},
+    "--reconstruction bspline --no-curved": {
+        "reconstruction": isosample.Reconstruction.BSPLINE,
+        "curved": False,
+    },
+    "--refine 2": {"refine": 2},
     "--segment constant": {"segment": isosample.SegmentRule.CONSTANT},
     "--segment constant --segment-opacity exponential": {"segment": isosample.SegmentRule.CONSTANT},
     "--segment constant --segment-opacity first-order": {

@@ -304,7 +304,7 @@ CACHES = {
     "another version": Wrong(
         "export meshes --isovalue 50 -o out.ply",
         ("volume.json", "version 7"),
-        altered("volume.json", b'"version": 1', b'"version": 7'),
+        altered("volume.json", b'"version": 2', b'"version": 7'),
     ),
     "an altered volume.json": Wrong(
         "export meshes --isovalue 50 -o out.ply",

@@ -1,0 +1,127 @@
+"""Tolerances, refinement, error maps and strictness from the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from isosample.cli import EXIT_FAILED
+from isosample.cli import render as render_command
+from isosample.errors import UnrepairedError
+
+if TYPE_CHECKING:
+    from cli.harness import Run
+
+pytestmark = pytest.mark.usefixtures("gl")
+
+RENDER = "render blob.npy --tf tf.json --size 24x16"
+
+
+def statistics(name: str = "stats.json") -> dict[str, object]:
+    found: dict[str, object] = json.loads(Path(name).read_text(encoding="utf-8"))
+    return found
+
+
+def test_a_tolerance_is_searched_for_and_told(run: Run) -> None:
+    outcome = run(f"{RENDER} --tolerance 1/16 --stats stats.json -o out.png")
+    assert outcome.status == 0
+    assert outcome.fields()["tolerance"].startswith("0.0625: reached; all but 0.1 % of the pixels of 4 views")
+    report = statistics()["tolerance"]
+    assert isinstance(report, dict)
+    assert report["missed"] is None
+    assert report["reached"] <= 1 / 16
+    assert len(report["views"]) == 4
+    assert "99.9 % of the pixels: |cubic - linear| below" in outcome.out
+
+
+def test_a_tolerance_that_few_isovalues_cannot_reach_is_reported_as_missed(run: Run) -> None:
+    outcome = run(f"{RENDER} --tolerance 1/1000 --max-isovalues 4 -o out.png")
+    assert outcome.status == 0
+    assert "NOT reached, isovalues" in outcome.fields()["tolerance"]
+
+
+def test_a_cache_keeps_the_plan_of_a_tolerance(run: Run) -> None:
+    assert run("precompute blob.npy --tf tf.json --tolerance 1/16 --cache meshes").status == 0
+    outcome = run("render meshes --size 24x16 --error-map errors.npy -o out.png")
+    assert outcome.status == 0
+    assert "reached" in outcome.fields()["tolerance"]
+    assert np.load("errors.npy").shape == (16, 24, 3)
+
+
+@pytest.mark.parametrize(
+    "option", ["--tolerance 1/16", "--refine 2", "--reconstruction cubic", "--max-isovalues 9"]
+)
+def test_the_meshes_of_a_cache_are_what_they_are(run: Run, option: str) -> None:
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    outcome = run(f"render meshes {option} -o out.png")
+    assert outcome.status == 2
+    assert option.split()[0] in outcome.err
+    assert not Path("out.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ("--tolerance 1/16 --per-slope 3", "--per-slope 3"),
+        ("--max-isovalues 9", "--tolerance"),
+        ("--tolerance 0", "'0' must be an error above 0"),
+        ("--tolerance 1/0", "'1/0' must be an error above 0"),
+        ("--tolerance 2", "tolerance 2"),
+        ("--refine 3", "'3' must be 1, 2, 4, 8 or auto"),
+        ("--error-map errors.jpg", "errors.jpg"),
+        ("--reconstruction linear", "invalid choice: 'linear'"),
+    ],
+)
+def test_options_that_contradict_or_say_nothing_are_refused(run: Run, options: str, told: str) -> None:
+    outcome = run(f"{RENDER} {options} -o out.png")
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert not Path("out.png").exists()
+
+
+def test_an_error_map_is_drawn_in_false_colours(run: Run) -> None:
+    pytest.importorskip("matplotlib")
+    outcome = run(f"{RENDER} --error-map errors.png --stats stats.json -o out.png")
+    assert outcome.status == 0
+    assert "mesh about" in outcome.fields()["error"]
+    picture = np.asarray(PIL.Image.open("errors.png").convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(picture, axis=0)) > 200  # a scale of colours, not one
+    found = statistics()["error_99.9_percent"]
+    assert isinstance(found, dict)
+    assert 0 < found["indicator"] <= found["interval"] <= 1
+
+
+def test_automatic_refinement_comes_within_its_distance(run: Run) -> None:
+    assert run(f"{RENDER} --refine auto --stats auto.json -o out.png").status == 0
+    assert run(f"{RENDER} --stats plain.json -o out.png").status == 0
+    refine = statistics("auto.json")["refine"]
+    assert refine in (2, 4, 8)
+    assert statistics("plain.json")["refine"] == 1
+
+
+def test_a_strict_picture_without_guesses_is_the_same(run: Run) -> None:
+    assert run(f"{RENDER} --strict -o strict.npy").status == 0
+    assert run(f"{RENDER} -o out.npy").status == 0
+    np.testing.assert_array_equal(np.load("strict.npy"), np.load("out.npy"))
+
+
+def test_a_strict_picture_with_guesses_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+    check = render_command.check_strict
+
+    def with_guesses(stats: dict[str, object]) -> None:
+        seen.append(int(str(stats["unrepaired_pixels"])))
+        check(stats | {"unrepaired_pixels": 3})
+
+    monkeypatch.setattr(render_command, "check_strict", with_guesses)
+    outcome = run(f"{RENDER} --strict -o out.png")
+    assert (outcome.status, seen) == (EXIT_FAILED, [0])
+    assert outcome.err.startswith("isosample: error: 3 pixels lack a crossing")
+    assert not Path("out.png").exists()
+    with pytest.raises(UnrepairedError):
+        check({"unrepaired_pixels": 1})
