@@ -16,6 +16,7 @@ from isosample.rendering.settings import ClipPlane, Material, RenderSettings
 from isosample.transfer.control_points import Isosurface
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.grid import Volume
+from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import picture, ramp_tf
 from rendering.test_closed_forms import (
     KINDS,
@@ -108,6 +109,37 @@ def test_more_isovalues_and_cubic_segments_bring_the_data_centric_picture_closer
     assert 1e-6 < errors[SegmentRule.CUBIC, 8] < errors[SegmentRule.LINEAR, 8]
     # One value per slope: the field is a distance, whose profile along a ray the cubic follows.
     assert errors[SegmentRule.CUBIC, 1] < 0.5 * errors[SegmentRule.LINEAR, 1]
+
+
+@pytest.mark.parametrize("reconstruction", [Reconstruction.CUBIC, Reconstruction.BSPLINE])
+def test_a_linear_field_is_the_same_picture_with_splines(reconstruction: Reconstruction) -> None:
+    volume, _ = ramp_volume((1.0, 1.0, 2.0), 0.0)
+    tf = ramp_tf(*volume.value_range, (0.05, 0.3))
+    settings = RenderSettings(background=BACKGROUND, clip_planes=(ClipPlane(1.0, 0.3, -0.2, -2.0),))
+    camera = camera_of("inside", volume)
+    plain = render_reference(volume, tf, camera=camera, size=SIZE, settings=settings)
+    smooth = render_reference(
+        volume, tf, camera=camera, size=SIZE, settings=settings, reconstruction=reconstruction, tolerance=1e-7
+    )
+    assert np.abs(plain.rgba - smooth.rgba).max() <= 1e-7 + gamma(4)
+    assert plain.stats["reconstruction"] == "trilinear"
+    assert smooth.stats["reconstruction"] == reconstruction.value
+    assert smooth.stats["cells_visited"] == plain.stats["cells_visited"]
+    assert np.ptp(plain.rgba[..., 3]) > 0.1
+
+
+def test_a_smooth_reconstruction_of_missing_samples_is_refused() -> None:
+    volume, _ = ramp_volume((1.0, 1.0, 1.0), 0.0)
+    samples = volume.array.copy()
+    samples[2, 3, 4] = np.nan
+    with pytest.raises(InputError, match=r"1 NaN and 0 infinite samples.*cubic"):
+        render_reference(
+            Volume(samples),
+            ramp_tf(0.0, 1.0, (0.1, 0.2)),
+            size=(4, 4),
+            nan_masked=True,
+            reconstruction=Reconstruction.CUBIC,
+        )
 
 
 def test_statistics_say_what_the_picture_cost() -> None:
