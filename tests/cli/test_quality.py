@@ -10,7 +10,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from isosample.cli import EXIT_FAILED
+from isosample.cli import EXIT_FAILED, summary
 from isosample.cli import render as render_command
 from isosample.errors import UnrepairedError
 
@@ -112,7 +112,7 @@ def test_a_strict_picture_without_guesses_is_the_same(run: Run) -> None:
 
 def test_a_strict_picture_with_guesses_is_refused(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[int] = []
-    check = render_command.check_strict
+    check = summary.check_strict
 
     def with_guesses(stats: dict[str, object]) -> None:
         seen.append(int(str(stats["unrepaired_pixels"])))
