@@ -135,7 +135,7 @@ def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:
             return f"refining from {rounds[-2]['refine']} to {last['refine']} did not help"
     predicted = int(growth * last["triangles"])
     if predicted > max_triangles:
-        return f"a finer one would have about {predicted} triangles, more than {max_triangles}"
+        return f"a finer one could have {predicted} triangles, more than {max_triangles}"
     return ""
 
 
