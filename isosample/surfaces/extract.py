@@ -64,7 +64,7 @@ def extract_surfaces(
         `isosample.surfaces.refine`. The topology stays that of marching cubes.
     residuals : bool
         True: measure how far the triangles are from the isosurface (`BrickMesh.residuals`,
-        `SurfaceSet.mesh_errors`), about as long again as the extraction.
+        `SurfaceSet.mesh_errors`), which takes about twice as long as the extraction itself.
     progress : callable, optional
         Called with (bricks done, bricks to do) after every brick.
 

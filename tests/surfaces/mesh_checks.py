@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.surfaces.extract import extract_surfaces
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from isosample.surfaces.mesh import Mesh
@@ -27,8 +28,23 @@ def closed_noise(seed: int, size: int = 12) -> npt.NDArray[np.float64]:
     return np.pad(np.random.default_rng(seed).standard_normal((size, size, size)), 1, constant_values=-9.0)
 
 
-def extract_mesh(volume: Volume, isovalue: float, *, brick_cells: int = 64, nan_masked: bool = False) -> Mesh:
-    return extract_surfaces(volume, [isovalue], brick_cells=brick_cells, nan_masked=nan_masked).mesh(0)
+def extract_mesh(
+    volume: Volume,
+    isovalue: float,
+    *,
+    brick_cells: int = 64,
+    nan_masked: bool = False,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    refine: int = 1,
+) -> Mesh:
+    return extract_surfaces(
+        volume,
+        [isovalue],
+        brick_cells=brick_cells,
+        nan_masked=nan_masked,
+        reconstruction=reconstruction,
+        refine=refine,
+    ).mesh(0)
 
 
 def directed_edges(mesh: Mesh) -> npt.NDArray[np.int64]:
@@ -52,6 +68,21 @@ def assert_watertight(mesh: Mesh) -> None:
     assert len(forward), "an empty mesh proves nothing"
     assert len(np.unique(forward)) == len(forward), "a directed side occurs twice"
     assert len(open_edges(mesh)) == 0
+
+
+def euler_characteristic(mesh: Mesh) -> int:
+    """Vertices − edges + triangles; every vertex belongs to a triangle."""
+    assert np.array_equal(np.unique(mesh.triangles), np.arange(len(mesh.vertices)))
+    ends = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return len(mesh.vertices) - len(np.unique(ends, axis=0)) + len(mesh.triangles)
+
+
+def assert_same_mesh(first: Mesh, second: Mesh) -> None:
+    """Same vertices, gradients and triangles bit for bit; the order of the triangles is free."""
+    assert np.array_equal(first.vertices, second.vertices)
+    assert np.array_equal(first.gradients, second.gradients)
+    ordered = [mesh.triangles[np.lexsort(mesh.triangles.T)] for mesh in (first, second)]
+    assert np.array_equal(ordered[0], ordered[1])
 
 
 def area_vectors(mesh: Mesh) -> F64:

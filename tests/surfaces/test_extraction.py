@@ -22,7 +22,7 @@ from mesh_checks import (
 
 from isosample.errors import InputError
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.marching_cubes import POSITION_STEPS, SMALLEST_FRACTION
+from isosample.surfaces.positions import POSITION_STEPS, SMALLEST_FRACTION
 from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from isosample.surfaces.extract import SurfaceSet, extract_surfaces
 from isosample.transfer.isovalues import IsovaluePlan, plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
 from isosample.volume.grid import Volume
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,9 +40,9 @@ def scene_transfer(volume: Volume) -> tuple[TransferFunction, IsovaluePlan]:
     return transfer, plan_isovalues(transfer, volume.value_range, per_slope=1)
 
 
-def written_scene(folder: Path, volume: Volume) -> SurfaceSet:
+def written_scene(folder: Path, volume: Volume, **settings: Any) -> SurfaceSet:
     transfer, plan = scene_transfer(volume)
-    surfaces = extract_surfaces(volume, plan.isovalues, brick_cells=4)
+    surfaces = extract_surfaces(volume, plan.isovalues, brick_cells=4, **settings)
     write_cache(
         folder,
         surfaces,
@@ -63,11 +64,16 @@ def assert_same_bits(first: SurfaceSet, second: SurfaceSet) -> None:
     assert len(first.meshes) == len(second.meshes) > 0
     for a, b in zip(first.meshes, second.meshes, strict=True):
         assert (a.isovalue, a.brick, a.start) == (b.isovalue, b.brick, b.start)
-        for field in ("positions", "gradients", "edge_keys", "triangles"):
+        assert a.error == b.error
+        for field in ("positions", "gradients", "edge_keys", "triangles", "residuals"):
             left, right = getattr(a, field), getattr(b, field)
             assert left.dtype == right.dtype
             assert left.shape == right.shape
             assert left.tobytes() == right.tobytes()
+    assert first.mesh_errors == second.mesh_errors
+    kernels = [surfaces.boundary.kernel for surfaces in (first, second)]
+    left, right = (None if kernel is None else kernel.tobytes() for kernel in kernels)
+    assert left == right
     for face, other in zip(first.boundary.faces, second.boundary.faces, strict=True):
         assert face.dtype == other.dtype
         assert face.tobytes() == other.tobytes()
@@ -83,6 +89,60 @@ def test_a_scene_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert scene.plan.to_dict() == plan.to_dict()
     assert scene.name == "noise"
     assert scene.surfaces.statistics.levels_reused == len(plan.isovalues)
+
+
+CURVED: dict[str, Any] = {"reconstruction": Reconstruction.CUBIC, "refine": 2, "residuals": True}
+
+
+def test_a_smooth_refined_scene_comes_back_bit_for_bit_with_its_errors(tmp_path: Path) -> None:
+    volume = scene_volume()
+    surfaces = written_scene(tmp_path, volume, **CURVED)
+    assert surfaces.mesh_errors[0] is not None
+    assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
+    again = extract_with_cache(volume, surfaces.isovalues, tmp_path, brick_cells=4, **CURVED)
+    assert again.statistics.levels_reused == len(surfaces.isovalues)
+    assert_same_bits(again, surfaces)
+    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4, **CURVED), surfaces)
+
+
+def test_every_setting_names_other_surfaces_in_one_folder(tmp_path: Path) -> None:
+    volume = scene_volume()
+    variants: list[dict[str, Any]] = [
+        {},
+        {"refine": 2},
+        {"residuals": True},
+        {"reconstruction": Reconstruction.CUBIC},
+        {"reconstruction": Reconstruction.BSPLINE},
+    ]
+    for number, settings in enumerate(variants):
+        for other in variants[number:]:
+            with pytest.raises(CacheError, match="has no"):
+                load_surface_set(tmp_path, [0.0], **other)
+        found = extract_with_cache(volume, [0.0], tmp_path, **settings)
+        assert found.statistics.levels_reused == 0
+        assert_same_bits(found, extract_surfaces(volume, [0.0], **settings))
+    for settings in variants:
+        assert_same_bits(
+            load_surface_set(tmp_path, [0.0], **settings), extract_surfaces(volume, [0.0], **settings)
+        )
+    assert load_surface_set(tmp_path, ()).value_range == volume.value_range
+
+
+def test_a_reconstruction_that_is_not_there_is_named(tmp_path: Path) -> None:
+    extract_with_cache(scene_volume(), [0.0], tmp_path)
+    with pytest.raises(CacheError, match=r"no surfaces of the bc21 reconstruction.*precompute"):
+        load_surface_set(tmp_path, (), reconstruction=Reconstruction.BC21)
+
+
+def test_a_damaged_spline_boundary_is_found(tmp_path: Path) -> None:
+    surfaces = written_scene(tmp_path, scene_volume(), **CURVED)
+    path = tmp_path / "boundary-cubic.npz"
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(CacheError, match=r"boundary-cubic\.npz is damaged"):
+        load_cache(tmp_path)
+    path.unlink()
+    with pytest.raises(CacheError, match=r"boundary-cubic\.npz"):
+        load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4, **CURVED)
 
 
 def test_only_missing_isovalues_are_extracted(tmp_path: Path) -> None:
@@ -221,9 +281,9 @@ def test_arrays_under_the_header_of_others_are_found(tmp_path: Path) -> None:
 def test_another_format_version_is_refused(tmp_path: Path, name: str) -> None:
     written_scene(tmp_path, scene_volume())
     document = json.loads((tmp_path / name).read_text())
-    document["version"] = 0
+    document["version"] = 1  # before reconstructions
     (tmp_path / name).write_text(json.dumps(document))
-    with pytest.raises(CacheError, match=f"{name} has format version 0"):
+    with pytest.raises(CacheError, match=f"{name} has format version 1; this program reads and writes 2"):
         load_cache(tmp_path)
 
 
