@@ -90,19 +90,11 @@ def error_line(errors: dict[str, float]) -> str:
 
 def say_tolerance(errors: dict[str, float], plan: IsovaluePlan) -> None:
     """Tell where this view may miss the tolerance that its plan was made for."""
-    tolerance = plan.report["tolerance"]
-    expected = expected_error(errors, plan)
+    from isosample.rendering.tolerance import expected_error
+
+    tolerance, expected = plan.report["tolerance"], expected_error(errors, plan.report)
     if expected > tolerance:
         say(
             f"this view may miss the tolerance: an error of about {expected:.2g} is expected, {tolerance:.2g} was "
             "asked for; a smaller --tolerance adds isovalues"
         )
-
-
-def expected_error(errors: dict[str, float], plan: IsovaluePlan) -> float:
-    """Error that a view is expected to have, from its error map and what the views of the plan showed.
-
-    There the error was the share `calibration` of the indicator; the mesh's estimate is added.
-    """
-    share = float(plan.report.get("calibration", 1.0))
-    return share * errors["indicator"] + errors["mesh"]

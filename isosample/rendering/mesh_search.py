@@ -29,6 +29,10 @@ LEAST_GAIN = (
     0.9  # a refinement that leaves more than this of the error and of the pixels above the tolerance did
 )
 # not help, and no further one will
+MARGIN = 0.7  # share of the tolerance that the views are to keep to, so that other views keep to all of it
+SMALL_SHARE = (
+    1.3  # where the picture errs by less than this many times the exact crossings, finer meshes cannot help
+)
 DOMINANT = 2.0  # the mesh dominates where the picture errs by more than this many times the exact crossings
 
 
@@ -79,7 +83,7 @@ def search_mesh(
     plan : IsovaluePlan
     views : PlanningViews
     settings : ExtractionSettings
-        Reconstruction and treatment of samples that are not finite.
+        Reconstruction, treatment of samples that are not finite, and whether residuals are measured.
     tolerance : float
         Largest error for all but a thousandth of the pixels.
     exact_error : float
@@ -92,7 +96,7 @@ def search_mesh(
     Notes
     -----
     Of the refinements that were tried, the one with the smallest error is taken; the search ends at the first
-    that is within the tolerance.
+    that is within 0.7 of the tolerance, or that errs hardly more than exact crossings.
     """
     rounds: list[dict[str, Any]] = []
     best: tuple[float, int, SurfaceSet] | None = None
@@ -108,6 +112,7 @@ def search_mesh(
             nan_masked=settings.nan_masked,
             reconstruction=settings.reconstruction,
             refine=refine,
+            residuals=settings.residuals,
         )
         errors = views.errors(_pictures(surfaces, plan, views))
         error, triangles = reached(errors), sum(surfaces.statistics.triangles)
@@ -117,7 +122,7 @@ def search_mesh(
             best = (error, refine, surfaces)
         if progress is not None:
             progress(done, len(possible))
-        if error <= max(tolerance, DOMINANT * exact_error):
+        if error <= max(MARGIN * tolerance, SMALL_SHARE * exact_error):
             reason = "its error is no longer the larger part"
             break
     assert best is not None

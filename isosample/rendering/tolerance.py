@@ -12,8 +12,10 @@ import numpy as np
 from isosample.errors import InputError
 from isosample.gl.context import shared_context
 from isosample.rendering.camera import Camera
+from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_isovalues
 from isosample.rendering.mesh_search import search_mesh
+from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import QUANTILE, PlanningViews, orbit_views
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
@@ -143,7 +145,7 @@ def plan_for_tolerance(
     """
     least = {"pixels": (pixels, 8), "max_isovalues": (max_isovalues, 1), "max_triangles": (max_triangles, 1)}
     _check(tolerance, max_refine, least)
-    settings = ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction)
+    settings = ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction, residuals=True)
     check_volume(volume, settings)
     cameras = orbit_views(volume.box) if views is None else tuple(views)
     _check_views(cameras)
@@ -183,9 +185,39 @@ def plan_for_tolerance(
         "quantile": QUANTILE,
         "rounds": isovalues.rounds,
         "refinements": meshes.rounds,
+        "estimates": _estimates(meshes.surfaces, isovalues.plan, tried),
     }
     plan = dataclasses.replace(isovalues.plan, report=report)
     return TolerancePlan(plan, meshes.refine, meshes.surfaces, report)
+
+
+def expected_error(estimates: Mapping[str, float], report: Mapping[str, Any]) -> float:
+    """Error that a thousandth of a view's pixels are expected to exceed.
+
+    Parameters
+    ----------
+    estimates : mapping
+        `ErrorMap.percentiles` of the view.
+    report : mapping
+        Of the plan.
+
+    Returns
+    -------
+    error : float
+        What was reached on the views of the plan, times the larger of the ratios by which the indicator and the
+        estimate of the mesh's error are larger here than there (1 at least). Neither promises anything.
+    """
+    known = report["estimates"]
+    ratios = [estimates[name] / known[name] for name in ("indicator", "mesh") if known[name] > 0.0]
+    return float(report["reached"] * max([1.0, *ratios]))
+
+
+def _estimates(surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews) -> dict[str, float]:
+    """Percentiles of the error maps of all views together."""
+    with Renderer(surfaces, plan) as renderer:
+        maps = [renderer.error_map(camera=c, size=(views.pixels, views.pixels)) for c in views.cameras]
+    together = ErrorMap(*(np.stack([getattr(m, name) for m in maps]) for name in PANELS))
+    return together.percentiles()
 
 
 def _search_isovalues(

@@ -16,7 +16,7 @@ from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views, reached
 from isosample.rendering.reference_image import render_reference
 from isosample.rendering.settings import RenderSettings, SegmentRule
-from isosample.rendering.tolerance import SAFETY, TolerancePlan, plan_for_tolerance
+from isosample.rendering.tolerance import SAFETY, TolerancePlan, expected_error, plan_for_tolerance
 from isosample.transfer.isovalue_plan import IsovaluePlan, Reason
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
@@ -320,3 +320,13 @@ def test_the_truth_is_that_of_the_reference() -> None:
     expected = np.concatenate([picture.reshape(-1, 4) for picture in pictures])
     np.testing.assert_allclose(views.truth, expected, rtol=0, atol=1e-5 + 1e-7)
     assert views.errors(np.add(expected, [0, 0, 0, 0.5])) == pytest.approx(0.5, abs=2e-5)
+
+
+def test_a_view_is_expected_to_err_as_much_more_as_its_estimates_are_larger() -> None:
+    report = {"reached": 0.004, "estimates": {"indicator": 0.02, "interval": 0.5, "mesh": 0.0}}
+    same = {"indicator": 0.02, "interval": 0.9, "mesh": 0.3}
+    assert expected_error(same, report) == 0.004  # a mesh that showed no error on the views says nothing
+    assert expected_error(same | {"indicator": 0.06}, report) == pytest.approx(0.012)
+    assert expected_error(same | {"indicator": 0.001}, report) == 0.004  # never less than what was reached
+    report["estimates"] = {"indicator": 0.02, "interval": 0.5, "mesh": 0.1}
+    assert expected_error(same, report) == pytest.approx(0.012)
