@@ -249,6 +249,16 @@ def test_meshes_that_cut_each_other_are_told_from_lost_crossings_by_the_reach() 
     assert (far.violations[0] > 0, far.reordered[0]) == (True, 0)
 
 
+def test_lost_crossings_that_cancel_are_found() -> None:
+    """Up through 1 and down through 2 are lost. The sums agree, but what is between stands alone or in a long row."""
+    lone = [enter(0.0, 0.1), up(1.0, 0), up(2.0, 2), down(3.0, 1), down(4.0, 0), leave(5.0, 0.1)]
+    row = [*lone[:3], up(2.2, 3), down(2.4, 3), *lone[3:]]
+    for reach, found_out in ((0.0, [True, True]), (0.3, [True, True]), (1.0, [True, False])):
+        found = integrate_lists(lists_of(lone, row), ramp(), reach=reach)
+        assert (found.violations > 0).tolist() == found_out
+    assert found.reordered[1] >= 3  # no longer than where meshes cut each other in a cell
+
+
 @pytest.mark.xfail(strict=True, reason="the second of the two is passed over as if its surface were grazed")
 def test_crossings_in_the_wrong_order_lead_to_the_same_band() -> None:
     sorted_, swapped = (
