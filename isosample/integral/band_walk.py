@@ -124,7 +124,7 @@ def cross_levels(walk: F64, band: int, target: int, bands: BandTable) -> int:
         level = band if step == 1 else band - 1
         opacity = bands.impulse[level, 0]
         if opacity > 0.0:
-            _composite(walk, opacity, 1.0 - opacity, bands.impulse[level, 1:], bands.impulse[level, 1:], 0.0)
+            composite(walk, opacity, 1.0 - opacity, bands.impulse[level, 1:], bands.impulse[level, 1:], 0.0)
         band += step
     return target
 
@@ -206,20 +206,18 @@ def _absorb_panel(
         toward_high += rules.weights[rule, i] * w * (front + change * w) * math.exp(-so_far)
     walk[PANELS] += 1.0
     color = bands.color[band]
-    _composite(walk, -math.expm1(-depth), math.exp(-depth), color[0], color[1], toward_high)
+    composite(walk, -math.expm1(-depth), math.exp(-depth), color[0], color[1], toward_high)
 
 
 @compiled
 def _attenuate(walk: F64, depth: float, color: F64, weight: float) -> None:
     """Composite a stretch of one colour: that at a place in a band, 0 at its lower end and 1 at its upper."""
     opacity = -math.expm1(-max(depth, 0.0))
-    _composite(walk, opacity, math.exp(-max(depth, 0.0)), color[0], color[1], weight * opacity)
+    composite(walk, opacity, math.exp(-max(depth, 0.0)), color[0], color[1], weight * opacity)
 
 
 @compiled
-def _composite(
-    walk: F64, opacity: float, transmitted: float, low: F64, high: F64, toward_high: float
-) -> None:
+def composite(walk: F64, opacity: float, transmitted: float, low: F64, high: F64, toward_high: float) -> None:
     """Composite light of colour `low` and weight `opacity`, of which `toward_high` goes to colour `high`."""
     through = walk[TRANSMITTANCE]
     for channel in range(3):

@@ -1,10 +1,12 @@
 """Ground truth of the volume-rendering integral of a grid, in float64.
 
-The field is the trilinear interpolant of the samples, exactly: along a ray it is a cubic in every cell. Or it is
-a spline: along a ray of degree 9 in every cell, it is replaced by cubics that agree with it (`spline_march`).
-Each cubic is cut at its extrema and where it takes a value at which the transfer function bends, steps or has an
+The field is the trilinear interpolant of the samples, exactly: along a ray it is a cubic in every cell. Each
+cubic is cut at its extrema and where it takes a value at which the transfer function bends, steps or has an
 isosurface. On each part opacity has a closed form; so has radiance where the colour does not change, and
 elsewhere Gauss-Legendre panels err by less than the tolerance (`band_table.PanelRules` has the proof).
+
+Or the field is a spline, along a ray a polynomial of degree 9 in every cell. Between the levels of the transfer
+function it is integrated as it is; where it crosses them, by cubics that agree with it (`spline_march`).
 
 >>> rgba = integrate_rays(volume, transfer_function, origins, directions)
 """
@@ -28,6 +30,7 @@ from isosample.volume.reconstruction import GridSpline, Reconstruction
 if TYPE_CHECKING:
     from isosample.integral.cell_grid import CellGrid
     from isosample.integral.spline_grid import SplineGrid
+    from isosample.integral.spline_panels import Accuracy
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
@@ -97,12 +100,13 @@ def integrate_rays(
     field is constant at the value of a step, the extinction from above holds, at the very last control point
     that from below. A ray ends where less than 1e-14 is transmitted.
 
-    The cubics of a spline differ from it by at most half the tolerance / (largest chord · |dτ/dv| + |dc/dv|),
-    with the slopes of the bands that the field meets there, and by half the tolerance times the values' range
-    where these are 0: a proven bound, from Bernstein coefficients. It changes depth and colour by at most half
-    the tolerance; the quadrature has the other half. At a step of extinction or colour the crossing moves by that
-    difference over the field's slope, and an isosurface that is touched more closely than that may be crossed
-    twice or not at all: near such rays the error can be larger.
+    A spline is integrated as it is where it lies between two levels of the transfer function; where it crosses
+    them, cubics take its place. They differ from it by at most half the tolerance / (largest chord · |dτ/dv| +
+    |dc/dv|), with the slopes of the bands that the field meets there, and by half the tolerance times the
+    values' range where these are 0: a proven bound, from Bernstein coefficients. It changes depth and colour by at
+    most half the tolerance; the quadrature has the other half. At a step of extinction or colour a crossing moves
+    by that difference over the field's slope, and an isosurface that is touched more closely than that may be
+    crossed twice or not at all: near such rays the error can be larger.
     """
     tracer = ReferenceTracer.build(
         volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, panels=panels
@@ -115,14 +119,14 @@ class ReferenceTracer:
     """A volume and a transfer function, prepared for many calls; see `integrate_rays`.
 
     The samples are kept as float32 where that is exact (integers up to 16 bits, float16, float32), else as
-    float64; arrays that are already so are not copied. Of a spline the coefficients are kept, and by how much its
-    cubics may differ from it in each band.
+    float64; arrays that are already so are not copied. Of a spline the coefficients are kept, and what keeps its
+    tolerance.
     """
 
     grid: CellGrid | SplineGrid
     index_from_world: F64
     optics: Optics
-    agreement: F64 | None = None
+    accuracy: Accuracy | None = None
 
     @classmethod
     def build(
@@ -151,12 +155,14 @@ class ReferenceTracer:
             grid = CellGrid.build(volume, base, bands)
             return cls(grid, index_from_world, Optics(bands, rules, int(panels)))
         from isosample.integral.spline_grid import SplineGrid
+        from isosample.integral.spline_panels import Accuracy
 
-        rules = PanelRules.for_tolerance(max(0.5 * tolerance, SMALLEST_TOLERANCE))
+        half = max(0.5 * tolerance, SMALLEST_TOLERANCE)
+        optics = Optics(bands, PanelRules.for_tolerance(half), int(panels))
+        low, high = volume.value_range
+        scales = (2.0 * volume.box.radius, high - low or 1.0)
         spline = SplineGrid.build(GridSpline.build(volume, reconstruction), base, bands)
-        # An error of a cubic falls by 16 when it is halved.
-        agreement = 0.5 * tolerance / panels**4 / _sensitivities(bands, volume)
-        return cls(spline, index_from_world, Optics(bands, rules, int(panels)), agreement)
+        return cls(spline, index_from_world, optics, Accuracy.build(bands, scales, half, int(panels)))
 
     def integrate(
         self,
@@ -191,21 +197,21 @@ class ReferenceTracer:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of samples along z, y, x."""
-        beside = 0 if self.agreement is None else 2
+        beside = 0 if self.accuracy is None else 2
         z, y, x = self.grid[0].shape
         return z - beside, y - beside, x - beside
 
     def _integrate_block(self, rays: tuple[F64, F64, F64], rgba: F64, counts: I64) -> None:
         """Integrate rays in sample indices on one processor."""
         grid: Any = self.grid  # each kernel is compiled for its own kind
-        if self.agreement is None:
+        if self.accuracy is None:
             from isosample.integral.ray_cells import integrate_ray_block
 
             integrate_ray_block(grid, self.optics, rays, rgba, counts)
         else:
             from isosample.integral.spline_march import integrate_spline_block
 
-            integrate_spline_block(grid, self.optics, self.agreement, rays, rgba, counts)
+            integrate_spline_block(grid, self.optics, self.accuracy, rays, rgba, counts)
 
 
 def rays_in_index(index_from_world: F64, last: F64, starts: F64, ways: F64) -> tuple[F64, F64]:
@@ -292,14 +298,3 @@ def run_in_blocks(work: Callable[[slice], None], count: int, progress: Progress 
 def processors() -> int:
     """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _sensitivities(bands: BandTable, volume: Volume) -> F64:
-    """(K + 1,) float64, largest change of a component of the picture per change of the field [1/data units]."""
-    low, high = volume.value_range
-    width = np.where(np.isfinite(bands.edges[1:] - bands.edges[:-1]), bands.edges[1:] - bands.edges[:-1], 1.0)
-    by_depth = np.abs(np.diff(bands.extinction, axis=1)[:, 0]) * 2.0 * volume.box.radius
-    by_color = np.abs(np.diff(bands.color, axis=1)[:, 0]).max(axis=1)
-    shown = bands.extinction.max(axis=1) > 0
-    sensitivities: F64 = np.maximum((by_depth + by_color) / width * shown, 1.0 / (high - low or 1.0))
-    return sensitivities

@@ -1,8 +1,8 @@
 """Marching a ray through the cells of a spline, and on the way through the bands.
 
-In a cell the field is a polynomial of degree 9 along the ray. It is halved until it lies in one band where only
-its mean counts, or the cubic through its ends agrees with it; that cubic is walked as those of a trilinear
-field are.
+In a cell the field is a polynomial of degree 9 along the ray. It is halved until it lies in one band, where it
+is integrated as it is, or the cubic through its ends agrees with it; that cubic is walked as those of a
+trilinear field are.
 """
 
 from __future__ import annotations
@@ -42,15 +42,17 @@ from isosample.integral.spline_cells import (
     hermite_error,
 )
 from isosample.integral.spline_grid import load_taps, spline_shape
+from isosample.integral.spline_panels import absorb_polynomial, panel_depth
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics
     from isosample.integral.ray_cells import State
     from isosample.integral.spline_grid import SplineGrid
+    from isosample.integral.spline_panels import Accuracy
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-Scratch = tuple[F64, F64, F64, F64, F64]  # taps, weights, ends, polynomials, lengths
+Scratch = tuple[F64, F64, F64, F64, F64, F64]  # taps, weights, ends, polynomials, lengths, places
 
 MAX_HALVINGS = 24  # errors fall by 16 per halving: rounding is reached after 14
 ROUNDING = 2.0**-49  # of a polynomial's coefficients: agreement to so little is agreement
@@ -60,7 +62,7 @@ ROUNDING = 2.0**-49  # of a polynomial's coefficients: agreement to so little is
 def integrate_spline_block(
     grid: SplineGrid,
     optics: Optics,
-    agreement: F64,
+    accuracy: Accuracy,
     rays: tuple[F64, F64, F64],
     rgba: F64,
     counts: I64,
@@ -71,8 +73,7 @@ def integrate_spline_block(
     ----------
     grid, optics
         The volume and the transfer function.
-    agreement : (K + 1,) float64
-        By how much a cubic may differ from the field in each band [data units].
+    accuracy : Accuracy
     rays, rgba, counts
         As for `ray_cells.integrate_ray_block`.
     """
@@ -93,7 +94,7 @@ def integrate_spline_block(
                 state = leave_field(walk, optics, state)
             place_ends(line, cells[n], spans[n], scratch[2])
             length = spans[n, 1] - spans[n, 0]
-            state = _walk_cell(walk, scratch, grid, optics, agreement, cells[n], length, state, counts[ray])
+            state = _walk_cell(walk, scratch, grid, optics, accuracy, cells[n], length, state, counts[ray])
         leave_field(walk, optics, state)
         for i in range(4):
             rgba[ray, i] = walk[i]
@@ -102,7 +103,7 @@ def integrate_spline_block(
 
 @compiled
 def spline_scratch() -> Scratch:
-    """Room for one cell: its taps, weights and ends, and the polynomials that wait, with their lengths."""
+    """Room for one cell: its taps, weights and ends, the polynomials that wait, with their lengths, one more."""
     waiting = MAX_HALVINGS + 2
     return (
         np.empty((4, 4, 4)),
@@ -110,6 +111,7 @@ def spline_scratch() -> Scratch:
         np.empty((2, 3)),
         np.empty((waiting, DEGREE + 1)),
         np.empty(waiting),
+        np.empty(DEGREE + 1),
     )
 
 
@@ -126,7 +128,7 @@ def _walk_cell(
     scratch: Scratch,
     grid: SplineGrid,
     optics: Optics,
-    agreement: F64,
+    accuracy: Accuracy,
     cell: I64,
     length: float,
     state: State,
@@ -134,7 +136,7 @@ def _walk_cell(
 ) -> State:
     """Walk through one cell whose ends are placed; return what is known at its end."""
     known, band, value = state
-    taps, weights, ends, polynomials, _ = scratch
+    taps, weights, ends, polynomials, _, _ = scratch
     counts[CELLS] += 1
     low, high = load_taps(grid, cell, taps)
     bands = optics.bands
@@ -149,13 +151,13 @@ def _walk_cell(
     else:
         band = band_above(bands.edges, band, polynomials[0, 0])
     value = polynomials[0, DEGREE]
-    band = _walk_polynomial(walk, band, scratch, optics, agreement, length)
+    band = _walk_polynomial(walk, band, scratch, optics, accuracy, length)
     return True, band, value
 
 
 @compiled
 def _walk_polynomial(
-    walk: F64, band: int, scratch: Scratch, optics: Optics, agreement: F64, length: float
+    walk: F64, band: int, scratch: Scratch, optics: Optics, accuracy: Accuracy, length: float
 ) -> int:
     """Walk along the first of the polynomials, over a length [world]; return the band at its end."""
     polynomials, lengths = scratch[3], scratch[4]
@@ -164,14 +166,20 @@ def _walk_polynomial(
     while top >= 0 and walk[TRANSMITTANCE] >= OPAQUE:
         polynomial = polynomials[top]
         low, high = polynomial_bounds(polynomial)
-        if _inside(optics.bands, band, low, high) and _only_mean_counts(optics.bands, band):
+        if _inside(optics.bands, band, low, high):
             mean = polynomial_mean(polynomial)
-            absorb(walk, band, (mean, mean, mean, mean), lengths[top], optics)
-            top -= 1
-            continue
+            if _only_mean_counts(optics.bands, band):
+                absorb(walk, band, (mean, mean, mean, mean), lengths[top], optics)
+                top -= 1
+                continue
+            extent = (lengths[top], panel_depth(optics.bands, band, mean, lengths[top]))
+            if extent[1] <= accuracy.rules.depth_limits[-1]:
+                absorb_polynomial(walk, band, polynomial, extent, optics.bands, accuracy.rules, scratch[5])
+                top -= 1
+                continue
         cubic = hermite_cubic(polynomial)
         allowed = max(
-            _agreement_between(optics.bands, band, agreement, low, high),
+            _agreement_between(optics.bands, band, accuracy.agreement, low, high),
             ROUNDING * max(abs(low), abs(high)),
         )
         if lengths[top] <= length * 0.5**MAX_HALVINGS or hermite_error(polynomial, cubic) <= allowed:

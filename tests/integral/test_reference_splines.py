@@ -226,10 +226,18 @@ def test_the_tolerance_is_kept(reconstruction: Reconstruction, tolerance: float)
     error = np.abs(tracer.integrate(origins, ways)[0] - fine).max()
     assert 0.0 < error <= 1.001 * tolerance
     if tolerance < 1e-3:
-        assert tracer.agreement is not None
-        careless = replace(tracer, agreement=np.full_like(tracer.agreement, 10.0))
-        with pytest.raises(AssertionError):
-            assert np.abs(careless.integrate(origins, ways)[0] - fine).max() <= 1.001 * tolerance
+        assert tracer.accuracy is not None
+        agreement, rules = tracer.accuracy
+        careless = [
+            replace(tracer, accuracy=tracer.accuracy._replace(agreement=np.full_like(agreement, 10.0))),
+            replace(
+                tracer,
+                accuracy=tracer.accuracy._replace(rules=rules._replace(integrals=0.99 * rules.integrals)),
+            ),
+        ]
+        for other in careless:
+            with pytest.raises(AssertionError):
+                assert np.abs(other.integrate(origins, ways)[0] - fine).max() <= 1.001 * tolerance
 
 
 @pytest.mark.parametrize("reconstruction", SMOOTH)
