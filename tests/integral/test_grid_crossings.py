@@ -245,6 +245,34 @@ def test_isosurfaces_of_the_reference_integral_are_crossed_as_often(reconstructi
     assert counts.max() > 4
 
 
+@pytest.mark.parametrize("reconstruction", KEEPS_LINEAR)
+def test_a_value_met_at_a_face_between_cells_is_crossed_once(reconstruction: Reconstruction) -> None:
+    """Isovalues are the field's values at the faces, where two cells compute them with different roundings."""
+    z, y, x = np.mgrid[0:6, 0:7, 0:8]
+    volume = Volume(np.sqrt(2.0) * x + np.sqrt(3.0) * y + np.sqrt(0.7) * z)
+    last = np.array(volume.size_xyz) - 1.0
+    _, ways = random_rays(volume, 60, seed=11)
+    ways = np.abs(ways)  # the field rises along all of them
+    origins = 0.5 * last - 20.0 * ways + np.random.default_rng(12).random((60, 3))
+    for origin, way in zip(origins, ways, strict=True):
+        faces = np.concatenate(
+            [(np.arange(1.0, count) - o) / w for count, o, w in zip(last, origin, way, strict=True)]
+        )
+        inside = np.sort(
+            faces[
+                np.all((origin + np.outer(faces, way) > 0) & (origin + np.outer(faces, way) < last), axis=1)
+            ]
+        )
+        isovalues = np.unique(values_at(volume, origin + inside[:, None] * way, reconstruction))
+        isovalues = isovalues[np.diff(isovalues, prepend=-1.0) > 1e-9]
+        lists = grid_crossings(volume, isovalues, [origin], [way], reconstruction=reconstruction)
+        assert lists.level.tolist() == [-1, *range(len(isovalues)), -1]
+        surfaces = [Isosurface(value, (1.0, 1.0, 1.0), 0.1) for value in isovalues.tolist()]
+        tf = TransferFunction([], surfaces)
+        alpha = integrate_rays(volume, tf, [origin], [way], reconstruction=reconstruction)[0, 3]
+        assert alpha == pytest.approx(1.0 - 0.9 ** len(isovalues), abs=1e-13)
+
+
 def test_where_samples_are_missing_the_ray_leaves_and_enters() -> None:
     """A NaN takes out the eight cells around it; the border points lie on their faces, with the values there."""
     samples = np.broadcast_to(np.arange(9.0), (3, 3, 9)).copy()
