@@ -28,6 +28,14 @@ def closed_noise(seed: int, size: int = 12) -> npt.NDArray[np.float64]:
     return np.pad(np.random.default_rng(seed).standard_normal((size, size, size)), 1, constant_values=-9.0)
 
 
+def noise_with_holes(seed: int, size: int = 9) -> npt.NDArray[np.float64]:
+    """Noise of which one sample in 40 is not finite: the surface meets many masked cells."""
+    samples = np.random.default_rng(seed).standard_normal((size, size, size))
+    holes = np.random.default_rng(seed + 1).choice(samples.size, samples.size // 40, replace=False)
+    samples.reshape(-1)[holes] = np.where(holes % 2, np.nan, np.inf)
+    return samples
+
+
 def extract_mesh(
     volume: Volume,
     isovalue: float,

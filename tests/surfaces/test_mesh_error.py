@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 import pytest
-from mesh_checks import closed_noise, index_grid
+from mesh_checks import closed_noise, index_grid, noise_with_holes
 
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh_error import MeshError, combined
@@ -160,13 +160,31 @@ def test_without_being_asked_nothing_is_measured() -> None:
 
 
 def test_masked_samples_beside_the_surface_leave_residuals_finite() -> None:
-    x, y, z = index_grid((9, 9, 9))
-    field = np.sin(0.7 * x) + np.cos(0.5 * y) + 0.1 * z * np.sin(0.9 * y)
-    field[4, 4, 4] = np.nan
-    surfaces = extract_surfaces(Volume(field), [0.4], nan_masked=True, residuals=True, refine=2)
+    volume = Volume(noise_with_holes(2))
+    surfaces = extract_surfaces(volume, [0.2], nan_masked=True, residuals=True)
     assert np.isfinite(surfaces.meshes[0].residuals).all()
     assert surfaces.mesh_errors[0] is not None
-    assert 0 < surfaces.mesh_errors[0].curved_rms < surfaces.mesh_errors[0].curved_largest < 1
+    assert 0 < surfaces.mesh_errors[0].curved_rms < surfaces.mesh_errors[0].curved_largest < 1.8
+
+
+def test_a_corrected_point_stays_in_its_cell_where_the_field_ends() -> None:
+    """One cell with nothing around it: moved points beyond its walls are judged on the wall."""
+    samples = np.array([[[-0.3, -0.6], [-0.8, 0.3]], [[-0.1, 1.0], [0.7, 0.7]]])
+    mesh = measured(Volume(samples), -0.35, Reconstruction.TRILINEAR)
+    shares = barycentric(40)
+    corners = mesh.positions.astype(np.float64)[mesh.triangles]
+    slopes = mesh.gradients.astype(np.float64)[mesh.triangles]
+    points, gradient = (np.einsum("nk,tkc->tnc", shares, ends) for ends in (corners, slopes))
+    offset = np.einsum("nk,tk->tn", shares, np.einsum("tkc,tkc->tk", slopes, corners))
+    scale = 0.5 * (np.einsum("tnc,tnc->tn", gradient, points) - offset)
+    moved = points - (scale / np.einsum("tnc,tnc->tn", gradient, gradient))[..., None] * gradient
+    outside = (moved < 0).any(axis=-1) | (moved > 1).any(axis=-1)
+    heights = np.abs(values_at(moved.clip(0, 1), Volume(samples), Reconstruction.TRILINEAR) + 0.35)
+    row = int(heights.max(axis=1).argmax())
+    assert outside[row].mean() > 0.5
+    assert outside[row, heights[row].argmax()]
+    ratio = mesh.residuals[mesh.triangles[row], 1].min() / heights[row].max()
+    assert 0.75 < ratio < 1.01  # 7 points against 861
 
 
 def test_errors_of_pieces_are_weighed_by_their_areas() -> None:

@@ -17,6 +17,7 @@ from mesh_checks import (
     euler_characteristic,
     extract_mesh,
     index_grid,
+    noise_with_holes,
     open_edges,
 )
 
@@ -170,20 +171,76 @@ def test_no_edge_is_divided_where_the_mesh_is_near_enough() -> None:
     assert np.array_equal(flat[0], flat[1])
 
 
+def smoothed_noise() -> Volume:
+    """Noise whose features are a few samples wide, closed."""
+    from scipy.ndimage import gaussian_filter
+
+    samples = gaussian_filter(np.random.default_rng(3).standard_normal((16, 16, 16)), 1.5)
+    return Volume(np.pad(samples / samples.std(), 1, constant_values=-3.0))
+
+
+def test_refined_triangles_face_falling_values() -> None:
+    """Judged by the trilinear gradient at the centroids; a few slivers turn over where the surface bends most."""
+    from isosample.surfaces.field_kernels import trilinear_value_gradient
+
+    volume = smoothed_noise()
+    shares = []
+    for refine in (1, 2, 4):
+        (mesh,) = extract_surfaces(volume, [0.1], refine=refine, brick_cells=128).meshes
+        corners = mesh.positions.astype(np.float64)[mesh.triangles]
+        centroids = corners.mean(axis=1)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        padded = np.pad(np.asarray(volume.array, dtype=np.float64), 1)
+        cells = np.floor(centroids)
+        gradients = [
+            trilinear_value_gradient(padded, tuple(cell), tuple(place))[1:]
+            for cell, place in zip(cells.tolist(), (centroids - cells).tolist(), strict=True)
+        ]
+        shares.append(np.mean(np.einsum("ij,ij->i", normals, np.array(gradients)) > 0))
+    assert shares[0] == 0.0
+    assert max(shares) < 2e-3
+
+
+def test_refinement_brings_the_mesh_nearer_to_the_isosurface() -> None:
+    for reconstruction, gain in ((Reconstruction.TRILINEAR, 2.0), (Reconstruction.CUBIC, 1.4)):
+        errors = []
+        for refine in (1, 2):
+            surfaces = extract_surfaces(
+                smoothed_noise(), [0.1], refine=refine, residuals=True, reconstruction=reconstruction
+            )
+            assert surfaces.mesh_errors[0] is not None
+            errors.append(surfaces.mesh_errors[0].flat_rms)
+        assert errors[0] > gain * errors[1]
+
+
 def test_masked_samples_end_a_refined_surface_too() -> None:
-    x, y, z = index_grid((9, 9, 9))
-    field = np.sin(0.7 * x) + np.cos(0.5 * y) + 0.1 * z * np.sin(0.9 * y)
-    field[4, 4, 4], field[6, 2, 2:4] = np.nan, np.inf
+    field = noise_with_holes(2)
     volume = Volume(field)
-    whole = extract_mesh(volume, 0.4, nan_masked=True, refine=4)
+    whole = extract_mesh(volume, 0.2, nan_masked=True, refine=4)
+    assert len(whole.triangles) > 10_000
     assert np.isfinite(whole.vertices).all()
     assert np.isfinite(whole.gradients).all()
-    assert_same_mesh(whole, extract_mesh(volume, 0.4, nan_masked=True, refine=4, brick_cells=3))
+    assert_same_mesh(whole, extract_mesh(volume, 0.2, nan_masked=True, refine=4, brick_cells=3))
     ends = open_edges(whole)
     assert ((ends[:, 0] == ends[:, 1]) & (ends[:, 0] == np.floor(ends[:, 0]))).any(axis=1).all()
     cells = np.floor(whole.vertices[whole.triangles].mean(axis=1)).astype(int)
     corners = cells[:, None, :] + (np.arange(8)[:, None] >> np.arange(3) & 1)
     assert np.isfinite(field[corners[..., 2], corners[..., 1], corners[..., 0]]).all()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_hole_beside_a_plane_does_not_move_vertices_on_it(axis: int) -> None:
+    """They follow the samples of the plane alone; only whether an edge is divided asks for the slope across it."""
+    field = np.random.default_rng(5).standard_normal((7, 7, 7))
+    holed = field.copy()
+    np.moveaxis(holed, 2 - axis, 0)[4:] = np.nan
+    on_plane = []
+    for samples in (field, holed):
+        (mesh,) = extract_surfaces(Volume(samples), [0.1], nan_masked=True, refine=2).meshes
+        new = mesh.positions[(mesh.edge_keys < 0) & (mesh.positions[:, axis] == 3.0)]
+        on_plane.append({tuple(place) for place in new.tolist()})
+    assert len(on_plane[1]) > 20
+    assert len(on_plane[0] & on_plane[1]) > 0.9 * len(on_plane[1])
 
 
 def test_a_wrong_side_of_a_plane_would_open_cracks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,9 +83,11 @@ def test_smooth_surfaces_are_closed_and_do_not_depend_on_the_bricks(
 
 def test_a_plateau_at_the_level_has_one_surface_around_it() -> None:
     """The spline through equal samples is equal to them up to rounding only; the samples decide what is inside."""
-    samples = np.zeros((9, 9, 9), dtype=np.int16)
-    samples[2:7, 2:7, 2:7] = 3
-    mesh = extract_mesh(Volume(samples), 3.0, reconstruction=Reconstruction.CUBIC)
+    samples = np.random.default_rng(2).uniform(-0.6, 0.0, (9, 9, 9))
+    samples[2:7, 2:7, 2:7] = 0.7
+    off = np.abs(GridSpline.build(Volume(samples), Reconstruction.CUBIC).samples() - samples)
+    assert 0.0 < off[3:6, 3:6, 3:6].max() < 1e-14
+    mesh = extract_mesh(Volume(samples), 0.7, reconstruction=Reconstruction.CUBIC)
     assert_watertight(mesh)
     assert euler_characteristic(mesh) == 2
 
@@ -112,11 +114,11 @@ def test_the_distance_from_the_true_isosurface_falls_with_the_fourth_power_of_th
 
 
 def test_smoothing_reconstructions_are_surfaced_where_they_are_and_not_at_the_samples() -> None:
-    """Of x² the B-spline is x² + 1/3: (1/6)(1 + 0 + 1). Its isosurface 9 + 1/3 lies at x = 3."""
+    """Of x² the B-spline is x² + 1/3: it takes 2.98² + 1/3 between 2 and 3, the samples between 3 and 4."""
     x, _, _ = index_grid((7, 4, 4))
-    (mesh,) = extract_surfaces(Volume(x**2), [3.25**2 + 1 / 3], reconstruction=Reconstruction.BSPLINE).meshes
-    assert np.abs(mesh.positions[:, 0] - 3.25).max() <= ROUNDING
-    assert np.abs(mesh.gradients - [6.5, 0.0, 0.0]).max() <= 1e-5
+    (mesh,) = extract_surfaces(Volume(x**2), [2.98**2 + 1 / 3], reconstruction=Reconstruction.BSPLINE).meshes
+    assert np.abs(mesh.positions[:, 0] - 2.98).max() <= ROUNDING
+    assert np.abs(mesh.gradients - [5.96, 0.0, 0.0]).max() <= 1e-5
     assert mesh.edge_keys.size == 16
 
 
