@@ -107,7 +107,7 @@ def distance_errors(gl: moderngl.Context, samples: int, *, curved: bool) -> floa
 def test_curved_crossings_lie_on_a_sphere_to_a_higher_order(gl: moderngl.Context) -> None:
     flat = [distance_errors(gl, samples, curved=False) for samples in (11, 21, 41)]
     curved = [distance_errors(gl, samples, curved=True) for samples in (11, 21, 41)]
-    # Flat triangles err by the square of their edges over 8 R: order 2. The quadratic correction leaves the third order,
+    # Flat triangles err by the square of their edges over 8 R: order 2. The quadratic correction leaves order 3,
     # and the float32 distances about 1e-6. Factors of 4 and 8 per halving, a quarter less for the largest of many
     # triangles, whose shapes change with the grid.
     assert 3.0 < flat[0] / flat[1] < 5.5
