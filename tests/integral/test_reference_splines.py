@@ -241,6 +241,27 @@ def test_the_tolerance_is_kept(reconstruction: Reconstruction, tolerance: float)
 
 
 @pytest.mark.parametrize("reconstruction", SMOOTH)
+def test_the_tolerance_is_kept_where_a_steep_band_borders_on_an_empty_one(
+    reconstruction: Reconstruction,
+) -> None:
+    """A cubic that crosses both must suit the steeper; one that suits the empty band alone would not do."""
+    volume = noise(seed=4)
+    steep = [ControlPoint(0.5, RED, 0.0), ControlPoint(0.501, GREEN, 100.0), ControlPoint(0.51, BLUE, 100.0)]
+    tf = TransferFunction(steep)
+    origins, ways = random_rays(volume, 80)
+    fine = integrate_rays(volume, tf, origins, ways, reconstruction=reconstruction, tolerance=1e-8)
+    tracer = ReferenceTracer.build(volume, tf, reconstruction=reconstruction, tolerance=1e-4)
+    assert np.abs(tracer.integrate(origins, ways)[0] - fine).max() <= 1.001e-4
+    assert tracer.accuracy is not None
+    agreement = tracer.accuracy.agreement
+    loose = replace(
+        tracer, accuracy=tracer.accuracy._replace(agreement=np.full_like(agreement, agreement.max()))
+    )
+    with pytest.raises(AssertionError):
+        assert np.abs(loose.integrate(origins, ways)[0] - fine).max() <= 1.001e-4
+
+
+@pytest.mark.parametrize("reconstruction", SMOOTH)
 def test_more_panels_change_less_than_the_tolerance(reconstruction: Reconstruction) -> None:
     volume = noise(seed=5)
     points = [*TENT.points, ControlPoint(0.9, RED, 1.0), ControlPoint(1.2, GREEN, 0.4)]  # a step
