@@ -133,24 +133,32 @@ def test_a_linear_field_looks_as_with_trilinear_interpolation(reconstruction: Re
 
 @pytest.mark.parametrize("reconstruction", SMOOTH)
 def test_a_constant_slab_attenuates_by_its_chord(reconstruction: Reconstruction) -> None:
-    """Exactly on an isovalue too: where all coefficients are equal, no rounding moves the value."""
     volume = Volume(np.full((5, 6, 7), 0.3), spacing=(1.0, 2.0, 0.5), direction=TURN)
-    for surfaces in ([], [Isosurface(0.3, GREEN, 0.5)]):
-        tf = TransferFunction([ControlPoint(0.1, RED, 0.2), ControlPoint(0.5, RED, 0.2)], surfaces)
-        origins, ways = random_rays(volume, 40)
-        ends = np.array([chord(volume, o, w) for o, w in zip(origins, ways, strict=True)])
-        alpha = -np.expm1(-0.2 * (ends[:, 1] - ends[:, 0]))
-        found = integrate_rays(
-            replace(volume, array=volume.array),
-            tf,
-            origins,
-            ways,
-            reconstruction=reconstruction,
-            tolerance=1e-2,
-        )
-        # `cubic` has coefficients that are equal up to the rounding of its fit.
-        if not surfaces or reconstruction is not Reconstruction.CUBIC:
-            assert np.abs(found - alpha[:, None] * [1.0, 0.0, 0.0, 1.0]).max() <= 60 * 60 * U
+    tf = TransferFunction([ControlPoint(0.1, RED, 0.2), ControlPoint(0.5, RED, 0.2)])
+    origins, ways = random_rays(volume, 40)
+    ends = np.array([chord(volume, o, w) for o, w in zip(origins, ways, strict=True)])
+    alpha = -np.expm1(-0.2 * (ends[:, 1] - ends[:, 0]))
+    found = integrate_rays(volume, tf, origins, ways, reconstruction=reconstruction, tolerance=1e-2)
+    assert np.abs(found - alpha[:, None] * [1.0, 0.0, 0.0, 1.0]).max() <= 60 * 60 * U
+
+
+@pytest.mark.parametrize("reconstruction", [Reconstruction.BSPLINE, Reconstruction.BC21])
+def test_a_plateau_on_an_isovalue_is_not_crossed(reconstruction: Reconstruction) -> None:
+    """Where the coefficients are equal no rounding moves the value; `cubic` has coefficients that are rounded."""
+    samples = np.full((5, 6, 9), 0.3)
+    samples[0, 0, 0] = 0.0
+    tf = TransferFunction(
+        [ControlPoint(0.1, RED, 0.2), ControlPoint(0.5, RED, 0.2)], [Isosurface(0.3, GREEN, 0.5)]
+    )
+    origins, ways = random_rays(Volume(samples), 80)
+    far = [(1.0, 0.0, 0.0, -3.0)]  # three cells from the sample that differs
+    found, trilinear = (
+        integrate_rays(Volume(samples), tf, origins, ways, clip_planes=far, reconstruction=which)
+        for which in (reconstruction, Reconstruction.TRILINEAR)
+    )
+    assert np.abs(found - trilinear).max() <= 1e-13
+    assert found[:, 1].max() == 0.0
+    assert found[:, 0].max() > 0.5
 
 
 def riemann_sum(
