@@ -12,7 +12,11 @@ bricks at an edge on a brick's border, agree bit for bit, and no crack opens.
   curve in the plane is followed, and the border of the mesh stays on the border of the volume.
 - Vertices inside cells, which marching cubes puts at the mean of their neighbours, are moved onto the isosurface.
 
-The topology stays that of marching cubes.
+The topology stays that of marching cubes. What refinement does not mend is therefore where the field's isosurface has
+another one: tunnels inside a cell, sheets that cross a cell's face without meeting its edges (cut off at the face).
+`BrickMesh.residuals` shows these places. There, and next to samples that (almost) equal the isovalue, thin triangles
+may turn over: none of 91 000 for two Gaussians on 64³ samples with the trilinear field, about 1 in 1000 for noise
+smoothed over 1.5 samples. The mesh stays closed and consistently wound, so that rays still cross it in and out in turn.
 """
 
 from __future__ import annotations
@@ -30,7 +34,10 @@ if TYPE_CHECKING:
     from isosample.surfaces.mesh import I32, I64
     from isosample.volume.grid import F64
 
-REFINE_TOLERANCE = 1e-3  # an edge whose middle is nearer to the isosurface stays whole [voxel]
+# An edge whose middle is nearer to the isosurface stays whole [voxel]. One isosurface of two Gaussians on 64³ samples,
+# 8 832 triangles 8.7e-3 voxel (rms) from it, becomes at refine = 8 with a tolerance of 3e-3 / 1e-3 / 3e-4 / 1e-4:
+# 35 / 91 / 246 / 358 thousand triangles 1.4e-3 / 4.8e-4 / 1.7e-4 / 1.4e-4 from it.
+REFINE_TOLERANCE = 1e-3
 CENTRE_REACH = 0.5  # how far a vertex inside a cell may move onto the isosurface [voxel]
 
 U64 = npt.NDArray[np.uint64]
