@@ -109,11 +109,12 @@ def integrate_lists(
     surfaces disagree about the band within the value's tolerance, the surfaces decide. Anything else is a
     loss: levels are then put in where they are missing, and counted.
 
-    A lost crossing is put in, in this order: in the middle between two crossings of its own level, as their
-    slopes share it; where the slope of the next crossing meets it, if nothing is visible before it; where the
-    slope of the previous one does, if nothing is visible behind it; where the straight line meets it; else in
-    the middle. Of these the first and the last are counted as unplaced, and the second and third where they
-    miss the gap by more than `reach`.
+    A lost crossing is put in, in this order: where the slope of the next crossing meets it, if nothing is
+    visible before it; where the slope of the previous one does, if nothing is visible behind it; where the
+    Hermite cubic of the gap goes through its level in its direction, if both slopes are known; where the
+    straight line meets it; else in the middle. Counted as unplaced are those of the first two that miss the
+    gap by more than `reach`, those of the cubic between two crossings of their own level, those on an end of
+    the straight line, and the last.
     """
     from isosample.integral.list_segments import RULE_NUMBERS
     from isosample.integral.list_sums import integrate_block

@@ -22,8 +22,8 @@ I64 = npt.NDArray[np.int64]
 # The state of a ray, floating: where it is [world], the position in its band, the signed slope there (NaN: unknown);
 DISTANCE, POSITION, SLOPE = range(3)
 # and whole: in a balanced span the band may leave 0 … K for a moment, where meshes of several levels cut each other.
-BAND_NOW, INSIDE, BALANCED, LEAVE_BY_VALUE, DEBT, VIOLATIONS, REORDERED, UNPLACED, STEPS = range(9)
-COUNTS_SIZE = 9
+BAND_NOW, INSIDE, BALANCED, LEAVE_BY_VALUE, AHEAD, DEBT, VIOLATIONS, REORDERED, UNPLACED, STEPS = range(10)
+COUNTS_SIZE = 10
 
 
 class Levels(NamedTuple):
@@ -133,7 +133,8 @@ def weigh_span(state: F64, counts: I64, place: tuple[CrossingLists, int, int], l
         end += 1
     entry, bordered = read_entry(lists, start), end < stop
     leave = read_entry(lists, end) if bordered else entry
-    counts[BALANCED], counts[LEAVE_BY_VALUE], counts[DEBT] = 1, 0, 0
+    counts[BALANCED], counts[LEAVE_BY_VALUE] = 1, 0
+    counts[AHEAD], counts[DEBT] = 0, 0
     if end == start + 1:
         slack = entry.tolerance + leave.tolerance
         counts[LEAVE_BY_VALUE] = bordered
@@ -192,11 +193,13 @@ def passes_over(counts: I64, entry: Entry) -> bool:
     """Whether a balanced walk passes over a crossing.
 
     Where a ray hardly touches a surface, its two crossings may stand in the wrong order: the walk goes through
-    neither.
+    neither. Not so where an earlier crossing came too soon: this is then the one that came too late.
     """
     owed = counts[DEBT] != 0 and (counts[DEBT] > 0) == entry.rising
     beyond = counts[BAND_NOW] - 1 if entry.rising else counts[BAND_NOW]
-    if not counts[BALANCED] or not (owed or (counts[DEBT] == 0 and entry.level == beyond)):
+    if not counts[BALANCED] or not (
+        owed or (counts[DEBT] == 0 and counts[AHEAD] == 0 and entry.level == beyond)
+    ):
         return False
     counts[DEBT] += -1 if entry.rising else 1
     counts[REORDERED] += 1
@@ -212,6 +215,7 @@ def band_at(counts: I64, entry: Entry, levels: Levels) -> int:
     if counts[BAND_NOW] != before:
         if counts[BALANCED]:
             counts[REORDERED] += 1
+            counts[AHEAD] += before - counts[BAND_NOW]
             return int(counts[BAND_NOW])
         counts[VIOLATIONS] += 1
     return before

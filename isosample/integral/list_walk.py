@@ -34,7 +34,7 @@ from isosample.integral.list_spans import (
     real_band,
     weigh_span,
 )
-from isosample.integral.segment import limit_slopes
+from isosample.integral.segment import limit_slopes, segment_curve
 
 if TYPE_CHECKING:
     from isosample.integral.crossing_lists import CrossingLists
@@ -48,6 +48,7 @@ I64 = npt.NDArray[np.int64]
 START, END, BAND, FRONT, BACK, SLOPE_FRONT, SLOPE_BACK, LEVEL, STEEPNESS, SLOPE_KNOWN, RESIDUAL = range(11)
 STEP_SIZE = 11
 
+BISECTIONS = 52  # of a gap: to rounding; in float32 24 are enough
 SHORTEST = 1e-30  # a step of no length that rises is as steep as can be [world]
 
 
@@ -60,7 +61,7 @@ def walk_ray(lists: CrossingLists, ray: int, levels: Levels, counts: I64, steps:
     lists : CrossingLists
     ray : int
     levels : Levels
-    counts : (9,) int64
+    counts : (10,) int64
         Receives, at VIOLATIONS, REORDERED, UNPLACED and STEPS, the numbers of entries that do not continue the walk
         of a span that is not balanced; of entries out of order in balanced spans; of levels put in at places that
         are no more than a guess; and of steps.
@@ -91,9 +92,10 @@ def _step_to(state: F64, counts: I64, entry: Entry, levels: Levels, steps: F64) 
     target = band_at(counts, entry, levels)
     band = real_band(levels, counts[BAND_NOW])
     low, high = levels.ends[band, 0], levels.ends[band, 1]
-    front = (state[DISTANCE], (1.0 - state[POSITION]) * low + state[POSITION] * high, abs(state[SLOPE]))
+    front = (state[DISTANCE], (1.0 - state[POSITION]) * low + state[POSITION] * high, state[SLOPE])
     end = max(entry.distance, state[DISTANCE])
-    back = (end, entry.value if border else levels.isovalues[entry.level], entry.slope)
+    slope = entry.slope if entry.rising else -entry.slope
+    back = (end, entry.value if border else levels.isovalues[entry.level], slope)
     while counts[BAND_NOW] != target:
         upwards = counts[BAND_NOW] < target
         level = counts[BAND_NOW] if upwards else counts[BAND_NOW] - 1
@@ -118,23 +120,43 @@ def _place_of(
     back: tuple[float, float, float],
     levels: Levels,
 ) -> tuple[float, bool]:
-    """Where a lost crossing was, between two points (distance, value, |slope|); and whether that is certain."""
-    (t_front, v_front, g_front), (t_back, v_back, g_back) = front, back
+    """Where a lost crossing was, between two points (distance, value, signed slope); and whether that is certain."""
+    (t_front, v_front, s_front), (t_back, v_back, s_back) = front, back
     value = levels.isovalues[level]
     empty_before = not levels.shown[level if upwards else level + 1]
     empty_after = not levels.shown[level + 1 if upwards else level]
-    if not v_front == v_back == value:
-        if empty_before and g_back > 0.0:
-            place = t_back - abs(v_back - value) / g_back
-            return place, place >= t_front - levels.reach
-        if empty_after and g_front > 0.0:
-            place = t_front + abs(value - v_front) / g_front
-            return place, place <= t_back + levels.reach
-        if v_front != v_back and min(v_front, v_back) <= value <= max(v_front, v_back):
-            return t_front + (value - v_front) / (v_back - v_front) * (t_back - t_front), True
-    total = g_front + g_back
-    part = g_front / total if total > 0.0 else 0.5
+    if empty_before and v_back != value and abs(s_back) > 0.0:
+        place = t_back - abs(v_back - value) / abs(s_back)
+        return place, place >= t_front - levels.reach
+    if empty_after and v_front != value and abs(s_front) > 0.0:
+        place = t_front + abs(value - v_front) / abs(s_front)
+        return place, place <= t_back + levels.reach
+    sign = 1.0 if upwards else -1.0
+    starts_before = sign * (v_front - value) < 0.0 or (v_front == value and sign * s_front < 0.0)
+    ends_beyond = sign * (v_back - value) > 0.0 or (v_back == value and sign * s_back < 0.0)
+    if starts_before and ends_beyond and not math.isnan(s_front + s_back):
+        length = t_back - t_front
+        part = _part_at(value, sign, (v_front, v_back, length * s_front, length * s_back))
+        return t_front + part * length, not v_front == v_back == value
+    if v_front != v_back and min(v_front, v_back) <= value <= max(v_front, v_back):
+        place = t_front + (value - v_front) / (v_back - v_front) * (t_back - t_front)
+        return place, value not in (v_front, v_back)
+    total = abs(s_front) + abs(s_back)
+    part = abs(s_front) / total if total > 0.0 else 0.5
     return t_front + part * (t_back - t_front), False
+
+
+@compiled
+def _part_at(value: float, sign: float, cubic: tuple[float, float, float, float]) -> float:
+    """Part of a gap at which its Hermite cubic (two ends, two slopes) goes through a value in a direction."""
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        if sign * (segment_curve(*cubic, middle) - value) < 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
 
 
 @compiled

@@ -80,6 +80,7 @@ void weigh_span(Node entry, uint index, uint i, uint length, bool in_array, Node
     int leaving = bordered ? band_of(border_value(node)) : last_after;
     walk.balanced = true;
     walk.leave_by_value = false;
+    walk.ahead = 0;
     walk.debt = 0;
     if (first_before < 0) {
         float slack = border_tolerance(entry) + (bordered ? border_tolerance(node) : 0.0);
@@ -103,12 +104,13 @@ void weigh_span(Node entry, uint index, uint i, uint length, bool in_array, Node
 }
 
 // True for a crossing that a balanced walk passes over: where a ray hardly touches a surface, its two crossings may stand
-// in the wrong order, and the walk goes through neither.
+// in the wrong order, and the walk goes through neither. Not so
+// where an earlier crossing came too soon: this is then the one that came too late.
 bool passes_over(Node node) {
     bool rising = is_rising(node);
     int level = int(node.surface & LEVEL_MASK);
     bool owed = walk.debt != 0 && (walk.debt > 0) == rising;
-    bool first = walk.debt == 0 && level == (rising ? walk.band - 1 : walk.band);
+    bool first = walk.debt == 0 && walk.ahead == 0 && level == (rising ? walk.band - 1 : walk.band);
     if (!walk.balanced || !(owed || first)) return false;
     walk.debt += rising ? -1 : 1;
     ++walk.reordered;
@@ -123,47 +125,11 @@ int band_at(Node node) {
     if (walk.band == before) return before;
     if (walk.balanced) {
         ++walk.reordered;
+        walk.ahead += before - walk.band;
         return walk.band;
     }
     ++walk.violations;
     return before;
-}
-
-// One end of the gap in which a crossing was lost: distance, normalised value, |df/dt| or < 0 where that is not known.
-struct GapEnd {
-    float distance;
-    float value;
-    float slope;
-};
-
-bool without_extinction(int band) { return bands[clamp(band, 0, frame.level_count)].extinction_max == 0.0; }
-
-// Where a bump that begins and ends on one value turns, seen from its two slopes; the middle where they are not known.
-float turn(GapEnd front, GapEnd back) {
-    bool known = front.slope >= 0.0 && back.slope >= 0.0 && front.slope + back.slope > 0.0;
-    return mix(front.distance, back.distance, known ? front.slope / (front.slope + back.slope) : 0.5);
-}
-
-// Place of a lost crossing of `level`. From an invisible band, or into one, the slope of the visible side tells it.
-float place_of(int level, bool upwards, GapEnd front, GapEnd back) {
-    float value = bands[level].value_high;
-    float place;
-    if (front.value == value && back.value == value) {
-        ++walk.unplaced;
-        place = turn(front, back);
-    } else if (without_extinction(upwards ? level : level + 1) && back.slope > 0.0) {
-        place = back.distance - abs(back.value - value) / back.slope;
-        if (place < front.distance - frame.reach) ++walk.unplaced;
-    } else if (without_extinction(upwards ? level + 1 : level) && front.slope > 0.0) {
-        place = front.distance + abs(value - front.value) / front.slope;
-        if (place > back.distance + frame.reach) ++walk.unplaced;
-    } else if (value >= min(front.value, back.value) && value <= max(front.value, back.value)) {
-        place = mix(front.distance, back.distance, (value - front.value) / (back.value - front.value));
-    } else {
-        ++walk.unplaced;
-        place = turn(front, back);
-    }
-    return clamp(place, walk.distance, max(walk.distance, back.distance));
 }
 
 // Walks to a node: through levels that the list does not hold, where a linear course meets them, then to the node.
@@ -177,9 +143,10 @@ void step_to(Node node) {
     int target = band_at(node);
     Band band = current_band();
     GapEnd front = GapEnd(walk.distance, mix(band.value_low, band.value_high, walk.position),
-                          walk.slope == UNKNOWN_SLOPE ? -1.0 : abs(walk.slope));
+                          walk.slope);
+    float node_rise = domain ? UNKNOWN_SLOPE : (rising ? node_slope(node) : -node_slope(node));
     GapEnd back = GapEnd(max(node.distance, walk.distance), domain ? border_value(node) : bands[level].value_high,
-                         node_slope(node));
+                         node_rise);
     bool arrived;
     do {
         arrived = walk.band == target;
@@ -187,7 +154,7 @@ void step_to(Node node) {
         int crossed = arrived ? level : (upwards ? walk.band : walk.band - 1);
         float distance = back.distance;
         float position = end_towards(crossed);
-        float slope = arrived && !domain ? (upwards ? back.slope : -back.slope) : UNKNOWN_SLOPE;
+        float slope = arrived ? back.slope : UNKNOWN_SLOPE;
         uint normal = domain ? 0u : node.normal;
         if (!arrived) {
             distance = place_of(crossed, upwards, front, back);

@@ -16,6 +16,7 @@ struct Walk {
     bool inside;                          // inside the volume (or the valid cells)
     bool balanced;                        // the crossings of this span add up, see weigh_span
     bool leave_by_value;                  // the exit's value, not the surfaces, tells in which band the ray leaves
+    int ahead;                            // bands by which crossings came too soon, see band_at
     int debt;                             // falling less rising crossings that were passed over, see passes_over
     uint normal;                          // packed normal at the front end; 0: none
     uint violations, reordered, unplaced, saturated;
@@ -24,7 +25,7 @@ struct Walk {
 Walk walk;
 
 Walk fresh_walk() {
-    return Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, UNKNOWN_SLOPE, 0, false, false, false, 0, 0u, 0u, 0u, 0u, 0u);
+    return Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, UNKNOWN_SLOPE, 0, false, false, false, 0, 0, 0u, 0u, 0u, 0u, 0u);
 }
 
 // Normal at a part of the way between two crossings, so that the light does not jump where a cut passes a crossing; that

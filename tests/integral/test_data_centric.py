@@ -259,7 +259,6 @@ def test_lost_crossings_that_cancel_are_found() -> None:
     assert found.reordered[1] >= 3  # no longer than where meshes cut each other in a cell
 
 
-@pytest.mark.xfail(strict=True, reason="the second of the two is passed over as if its surface were grazed")
 def test_crossings_in_the_wrong_order_lead_to_the_same_band() -> None:
     sorted_, swapped = (
         [enter(0.0, 0.1), up(1.0, k), up(1.001, 1 - k), up(3.0, 2), leave(4.0, 0.7)] for k in (0, 1)

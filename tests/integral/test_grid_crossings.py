@@ -265,12 +265,14 @@ def test_a_value_met_at_a_face_between_cells_is_crossed_once(reconstruction: Rec
         )
         isovalues = np.unique(values_at(volume, origin + inside[:, None] * way, reconstruction))
         isovalues = isovalues[np.diff(isovalues, prepend=-1.0) > 1e-9]
-        lists = grid_crossings(volume, isovalues, [origin], [way], reconstruction=reconstruction)
-        assert lists.level.tolist() == [-1, *range(len(isovalues)), -1]
-        surfaces = [Isosurface(value, (1.0, 1.0, 1.0), 0.1) for value in isovalues.tolist()]
-        tf = TransferFunction([], surfaces)
-        alpha = integrate_rays(volume, tf, [origin], [way], reconstruction=reconstruction)[0, 3]
-        assert alpha == pytest.approx(1.0 - 0.9 ** len(isovalues), abs=1e-13)
+        for ulps in range(-3, 4):  # the two cells' values differ by one or two
+            shifted = isovalues + ulps * np.spacing(isovalues)
+            lists = grid_crossings(volume, shifted, [origin], [way], reconstruction=reconstruction)
+            assert lists.level.tolist() == [-1, *range(len(shifted)), -1]
+            surfaces = [Isosurface(value, (1.0, 1.0, 1.0), 0.1) for value in shifted.tolist()]
+            tf = TransferFunction([], surfaces)
+            alpha = integrate_rays(volume, tf, [origin], [way], reconstruction=reconstruction)[0, 3]
+            assert alpha == pytest.approx(1.0 - 0.9 ** len(shifted), abs=1e-13)
 
 
 def test_where_samples_are_missing_the_ray_leaves_and_enters() -> None:

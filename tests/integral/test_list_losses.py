@@ -160,12 +160,11 @@ def test_a_pair_in_and_out_of_one_level_leaves_no_trace() -> None:
 
 
 @pytest.mark.parametrize("per_slope", [2, 5, 9])
-def test_a_crossing_lost_on_a_slope_is_repaired_eightfold(per_slope: int) -> None:
+def test_a_crossing_lost_on_a_slope_is_repaired_tenfold(per_slope: int) -> None:
     """A crossing between two others in the same direction.
 
-    Without it two bands are taken for one, an error of first order in their width; put in where the straight line,
-    or the slope beside an invisible band, meets it, it is off by the course's curvature: second order. The factor is
-    of the order of the number of bands over which the field bends, here measured as 13 to 15.
+    Without it two bands are taken for one, an error of first order in their width; put in where the cubic of the
+    gap, or the slope beside an invisible band, meets it, it is off in a higher order. Measured: 13 to 40.
     """
     lists, plan, rgba = exact(per_slope)
     damaged, rows = losing_one(lists, 5)
@@ -175,18 +174,18 @@ def test_a_crossing_lost_on_a_slope_is_repaired_eightfold(per_slope: int) -> Non
     repaired = integrate_lists(damaged, plan, reach=0.0).rgba
     left = integrate_lists(without_repair(damaged, plan), plan, reach=0.0).rgba
     assert len(on_slope) > 100
-    assert rms((repaired - rgba)[on_slope]) < rms((left - rgba)[on_slope]) / 8.0
+    assert rms((repaired - rgba)[on_slope]) < rms((left - rgba)[on_slope]) / 10.0
 
 
 @pytest.mark.parametrize("per_slope", [2, 5])
 @pytest.mark.parametrize("share", [1e-3, 1e-2])
-def test_repair_leaves_less_than_three_quarters_of_the_error(share: float, per_slope: int) -> None:
+def test_repair_leaves_less_than_half_of_the_error(share: float, per_slope: int) -> None:
     """Of all losses: also of those whose place nothing tells, next to a crossing of their own level."""
     lists, plan, rgba = exact(per_slope)
     damaged, affected = losing(lists, share, 3)
     repaired = integrate_lists(damaged, plan, reach=0.0).rgba
     left = integrate_lists(without_repair(damaged, plan), plan, reach=0.0).rgba
-    assert rms((repaired - rgba)[affected]) < 0.75 * rms((left - rgba)[affected])
+    assert rms((repaired - rgba)[affected]) < 0.5 * rms((left - rgba)[affected])
 
 
 def test_crossings_lost_between_two_of_their_own_level_are_unplaced() -> None:
