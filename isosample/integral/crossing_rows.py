@@ -68,10 +68,12 @@ def crossing_scratch(coefficients: int) -> tuple[F64, F64, F64]:
 def record_border(
     rows: CrossingRows, levels: Levels, band: int, value: float, place: tuple[float, int], enters: bool
 ) -> None:
-    """Record a border point at a distance in a cell; adding the base again must not move its value out of its band."""
+    """Record a border point at a distance in a cell; adding the base again must not move its value out of its band.
+
+    It cannot fall below the band: isovalues within the values' range are within a factor of 2 of a base that is not
+    0, so that subtracting it from them was exact.
+    """
     exact = value + levels.base
-    if band > 0:
-        exact = max(exact, levels.isovalues[band - 1])
     if band < len(levels.isovalues) and exact >= levels.isovalues[band]:
         exact = np.nextafter(levels.isovalues[band], -math.inf)
     _record(rows, place, -1, enters, exact)

@@ -251,9 +251,9 @@ def test_a_value_met_at_a_face_between_cells_is_crossed_once(reconstruction: Rec
     z, y, x = np.mgrid[0:6, 0:7, 0:8]
     volume = Volume(np.sqrt(2.0) * x + np.sqrt(3.0) * y + np.sqrt(0.7) * z)
     last = np.array(volume.size_xyz) - 1.0
-    _, ways = random_rays(volume, 25, seed=11)
+    _, ways = random_rays(volume, 15, seed=11)
     ways = np.abs(ways)  # the field rises along all of them
-    origins = 0.5 * last - 20.0 * ways + np.random.default_rng(12).random((25, 3))
+    origins = 0.5 * last - 8.0 * ways + np.random.default_rng(12).random((15, 3))
     for origin, way in zip(origins, ways, strict=True):
         faces = np.concatenate(
             [(np.arange(1.0, count) - o) / w for count, o, w in zip(last, origin, way, strict=True)]
@@ -265,7 +265,7 @@ def test_a_value_met_at_a_face_between_cells_is_crossed_once(reconstruction: Rec
         )
         isovalues = np.unique(values_at(volume, origin + inside[:, None] * way, reconstruction))
         isovalues = isovalues[np.diff(isovalues, prepend=-1.0) > 1e-9]
-        for ulps in range(-3, 4):  # the two cells' values differ by one or two
+        for ulps in range(-8, 9):  # the two cells' values differ by one or two, positions by some more
             shifted = isovalues + ulps * np.spacing(isovalues)
             lists = grid_crossings(volume, shifted, [origin], [way], reconstruction=reconstruction)
             assert lists.level.tolist() == [-1, *range(len(shifted)), -1]
