@@ -247,32 +247,21 @@ def test_isosurfaces_of_the_reference_integral_are_crossed_as_often(reconstructi
 
 @pytest.mark.parametrize("reconstruction", KEEPS_LINEAR)
 def test_a_value_met_at_a_face_between_cells_is_crossed_once(reconstruction: Reconstruction) -> None:
-    """Isovalues are the field's values at the faces, where two cells compute them with different roundings."""
+    """Isovalues near 0, which a rising field takes at a face, where the roundings of two cells differ by some 1e-15."""
     z, y, x = np.mgrid[0:6, 0:7, 0:8]
-    volume = Volume(np.sqrt(2.0) * x + np.sqrt(3.0) * y + np.sqrt(0.7) * z)
-    last = np.array(volume.size_xyz) - 1.0
-    _, ways = random_rays(volume, 15, seed=11)
-    ways = np.abs(ways)  # the field rises along all of them
-    origins = 0.5 * last - 8.0 * ways + np.random.default_rng(12).random((15, 3))
-    for origin, way in zip(origins, ways, strict=True):
-        faces = np.concatenate(
-            [(np.arange(1.0, count) - o) / w for count, o, w in zip(last, origin, way, strict=True)]
-        )
-        inside = np.sort(
-            faces[
-                np.all((origin + np.outer(faces, way) > 0) & (origin + np.outer(faces, way) < last), axis=1)
-            ]
-        )
-        isovalues = np.unique(values_at(volume, origin + inside[:, None] * way, reconstruction))
-        isovalues = isovalues[np.diff(isovalues, prepend=-1.0) > 1e-9]
-        for ulps in range(-8, 9):  # the two cells' values differ by one or two, positions by some more
-            shifted = isovalues + ulps * np.spacing(isovalues)
-            lists = grid_crossings(volume, shifted, [origin], [way], reconstruction=reconstruction)
-            assert lists.level.tolist() == [-1, *range(len(shifted)), -1]
-            surfaces = [Isosurface(value, (1.0, 1.0, 1.0), 0.1) for value in shifted.tolist()]
-            tf = TransferFunction([], surfaces)
-            alpha = integrate_rays(volume, tf, [origin], [way], reconstruction=reconstruction)[0, 3]
-            assert alpha == pytest.approx(1.0 - 0.9 ** len(shifted), abs=1e-13)
+    volume = Volume(np.sqrt(2.0) * (x - 3.0) + np.sqrt(3.0) * (y - 2.6) + np.sqrt(0.7) * (z - 2.1))
+    rng = np.random.default_rng(11)
+    place_y = 2.6 + 0.8 * (rng.random(60) - 0.5)
+    places = np.stack([np.full(60, 3.0), place_y, 2.1 - np.sqrt(3.0 / 0.7) * (place_y - 2.6)], axis=1)
+    ways = 0.1 + rng.random((60, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    for isovalue in (np.arange(-12, 13) * 2.5e-16).tolist():
+        for way in (ways, -ways):
+            lists = grid_crossings(volume, [isovalue], places - 1.5 * way, way, reconstruction=reconstruction)
+            assert lists.level.tolist() == [-1, 0, -1] * 60
+            tf = TransferFunction([], [Isosurface(isovalue, (1.0, 1.0, 1.0), 0.1)])
+            alpha = integrate_rays(volume, tf, places - 1.5 * way, way, reconstruction=reconstruction)[:, 3]
+            assert np.abs(alpha - 0.1).max() <= 1e-15
 
 
 def test_where_samples_are_missing_the_ray_leaves_and_enters() -> None:
