@@ -20,6 +20,8 @@ from isosample.surfaces.extract import extract_surfaces
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
+    from benchmarks.accuracy_scenes import AccuracyScene
+    from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import F64
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
@@ -62,7 +64,7 @@ def draw_tangent_steps(path: Path) -> None:
     }
     for place, (name, picture) in zip(axes[0], pictures.items(), strict=True):
         _show(place, picture, name)
-    _show_errors(figure, axes[1][:2], [linear, cubic], reference)
+    _show_errors(figure, axes[1][:2], [linear, cubic], reference, ["linear", "cubic"])
     profile = axes[1][2]
     row = pixels // 2
     for name, picture, style in (
@@ -82,11 +84,14 @@ def draw_reconstructions(path: Path) -> None:
     """The 41³ grid by a perfect trilinear ray caster and by curved triangles of its spline, and the field."""
     scene, pixels = nucleon(41), RECONSTRUCTION_PIXELS
     assert scene.field is not None
-    tf, rays = scene.transfer_function(SHAPE, "translucent"), scene.rays(pixels)
+    camera = Camera.orbit(scene.volume.box, azimuth=31, elevation=23, zoom=2.2)
+    origins, directions = camera.rays(1.0).origins_and_directions(pixels, pixels)
+    tf, rays = (
+        scene.transfer_function(SHAPE, "translucent"),
+        (origins.reshape(-1, 3), directions.reshape(-1, 3)),
+    )
     plan = scene.plan(SHAPE, "translucent", 17)
-    surfaces = extract_surfaces(scene.volume, plan.isovalues, reconstruction=Reconstruction.CUBIC)
-    with Renderer(surfaces, plan) as renderer:
-        curved = renderer.render(camera=scene.camera, size=(pixels, pixels)).rgba.astype(np.float64)
+    curved, refined = (_curved(scene, plan, camera, refine) for refine in (1, 4))
     trilinear = integrate_rays(scene.volume, tf, *rays, tolerance=1e-6).reshape(pixels, pixels, 4)
     truth = field_truth(scene, scene.field, tf, rays).reshape(pixels, pixels, 4)
     figure, axes = _figure(2)
@@ -97,9 +102,19 @@ def draw_reconstructions(path: Path) -> None:
     }
     for place, (name, picture) in zip(axes[0], pictures.items(), strict=True):
         _show(place, picture, name)
-    _show_errors(figure, axes[1][:2], [trilinear, curved], truth)
-    axes[1][2].set_axis_off()
+    names = ["trilinear", "curved", "curved, refine 4"]
+    _show_errors(figure, axes[1], [trilinear, curved, refined], truth, names)
     figure.savefig(path, dpi=DPI)
+
+
+def _curved(scene: AccuracyScene, plan: IsovaluePlan, camera: Camera, refine: int) -> F64:
+    """Picture of the spline's curved triangles."""
+    surfaces = extract_surfaces(
+        scene.volume, plan.isovalues, reconstruction=Reconstruction.CUBIC, refine=refine
+    )
+    size = (RECONSTRUCTION_PIXELS, RECONSTRUCTION_PIXELS)
+    with Renderer(surfaces, plan) as renderer:
+        return renderer.render(camera=camera, size=size).rgba.astype(np.float64)
 
 
 def _close_up(tents: TwoTents) -> Camera:
@@ -133,15 +148,15 @@ def _show(place: Any, picture: F64, title: str) -> None:
     place.set_axis_off()
 
 
-def _show_errors(figure: Any, places: Any, pictures: list[F64], truth: F64) -> None:
+def _show_errors(figure: Any, places: Any, pictures: list[F64], truth: F64, names: list[str]) -> None:
     """Largest difference of a component in false colours over one logarithmic scale."""
     from matplotlib.colors import LogNorm
 
     norm = LogNorm(vmin=LEAST_SHOWN, vmax=0.3)
-    for place, picture in zip(places, pictures, strict=True):
+    for place, picture, name in zip(places, pictures, names, strict=True):
         error = np.abs(picture - truth).max(axis=-1)
         shown = place.imshow(np.maximum(error, LEAST_SHOWN), norm=norm, cmap="magma", interpolation="nearest")
         rms = float(np.sqrt(((picture - truth) ** 2).mean()))
-        place.set_title(f"error: RMSE {rms:.1e}, largest {error.max():.1e}", fontsize=11)
+        place.set_title(f"{name}: RMSE {rms:.1e}, largest {error.max():.1e}", fontsize=11)
         place.set_axis_off()
     figure.colorbar(shown, ax=list(places), shrink=0.9, pad=0.01)

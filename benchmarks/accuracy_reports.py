@@ -71,8 +71,8 @@ def planner_page(rows: list[Row]) -> str:
     return (
         "## Plans for a tolerance, on other views\n\n"
         "`plan_for_tolerance` with its four default views; measured on two others at 96², against the trilinear "
-        "reference: the error that a thousandth of all pixels exceed. Plans were allowed 3 million triangles. `Expected here` is "
-        "`expected_error`, from the error map of the view.\n\n"
+        "reference: the error that a thousandth of all pixels exceed. Plans were allowed 3 million triangles. "
+        "`Expected here` is `expected_error`, from the error map of the view.\n\n"
         + table(heads, lines)
         + "\n"
         + _counts(plans, limits)

@@ -21,15 +21,23 @@ GRID = ("grid constant", "grid linear", "grid cubic")
 MESH = ("mesh constant", "mesh linear", "mesh cubic", "mesh cubic, refine 4")
 SMOOTH = ("spline curved cubic",)
 MEASURES = {"rmse": "RMSE", "p999": "99.9 %", "step": "step"}
+METHOD = (
+    "The view is orthographic, 31° and 23°, 64² rays. Meshes of grids above half a million samples are measured at "
+    "K = 1, 5 and 17 only; meshes above 1.5 million triangles, and refined ones expected above 2 million, are left "
+    "out. Truths are good to 1e-6; that of the near-Dirac peak over an analytic field is verified at points only (it "
+    "agreed to 5e-9 with a hundredfold smaller tolerance on 24² rays).\n"
+)
 
 
 def page(rows: list[Row]) -> str:
     """All sections that come from the table."""
     cells = {_key(row): row for row in rows}
     parts = [
+        METHOD,
         exact_summary(cells),
         mesh_ratio_summary(cells),
         mesh_share_summary(cells),
+        refine_summary(cells),
         reconstruction_summary(cells),
         scene_means(rows),
         full_table(rows),
@@ -81,7 +89,7 @@ def mesh_ratio_summary(cells: Cells) -> str:
     return (
         "## Flat meshes: RMSE of cubic segments over that of linear ones\n\n"
         f"Against the trilinear reference. {len(above)} of {len(ratios)} cells are above 1, the worst at "
-        f"{_short(worst)} (1.5 or less was expected); the geometric mean of all is "
+        f"{worst:.3g} (1.5 or less was expected); the geometric mean of all is "
         f"{_short(_mean([ratio for _, ratio in ratios]))}.\n\n" + (table(heads, lines) if lines else "")
     )
 
@@ -102,7 +110,29 @@ def mesh_share_summary(cells: Cells) -> str:
     return (
         "## Share of the mesh in the squared error of cubic segments\n\n"
         "1 − (exact crossings of the trilinear interpolant / flat mesh)², both against the trilinear reference: "
-        "median over the transfer functions. Below 0 the two errors cancel in part.\n\n" + table(heads, lines)
+        "median over the transfer functions. Below 0 the picture of the mesh is the nearer one: its slopes are "
+        "smooth central differences, those of the exact crossings jump from cell to cell (given central "
+        "differences, the exact crossings of the three cells that were tried erred by 0.2 to 0.7 as much).\n\n"
+        + table(heads, lines)
+    )
+
+
+def refine_summary(cells: Cells) -> str:
+    """What dividing bent triangles gains, on the cells that have both."""
+    ratios = list(_ratios(cells, "mesh cubic, refine 4", "mesh cubic"))
+    counts = sorted({key[3] for key, _ in ratios})
+    lines = []
+    for scene in dict.fromkeys(key[0] for key, _ in ratios):
+        line = [scene]
+        for count in counts:
+            chosen = [ratio for key, ratio in ratios if (key[0], key[3]) == (scene, count)]
+            line.append(f"{_short(_mean(chosen))} ({len(chosen)})" if chosen else "–")
+        lines.append(line)
+    return (
+        "## Refinement: RMSE of `refine` 4 over that of the flat mesh, cubic segments\n\n"
+        "Geometric mean over the cells that have both (their number in brackets: the refined meshes of many isovalues "
+        "were beyond the limit of triangles), against the trilinear reference.\n\n"
+        + table(("scene", *(f"K = {count}" for count in counts)), lines)
     )
 
 
@@ -123,7 +153,7 @@ def reconstruction_summary(cells: Cells) -> str:
         last = max(found)
         factor = row["rmse"] / found[last]
         overall[key[0]].append(factor)
-        fewer = found.get(9, found.get(5, float("nan")))
+        fewer = f"{found[5]:.2g}" if 5 in found else "–"
         spline = cells[(*key[:4], "perfect spline", "field")]["rmse"]
         lines.append(
             (
@@ -131,7 +161,7 @@ def reconstruction_summary(cells: Cells) -> str:
                 key[1],
                 row["rmse"],
                 spline,
-                f"{fewer:.2g}",
+                fewer,
                 f"{found[last]:.2g} (K = {last})",
                 f"{factor:.2g}",
             )
@@ -145,7 +175,7 @@ def reconstruction_summary(cells: Cells) -> str:
         "transfer function",
         "perfect trilinear",
         "perfect spline",
-        "curved, K = 9",
+        "curved, K = 5",
         "curved, largest K",
         "factor",
     )

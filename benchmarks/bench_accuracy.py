@@ -22,6 +22,7 @@ FOLDER = Path(__file__).parent
 RAW = FOLDER / "accuracy.json"
 PAGE = FOLDER / "ACCURACY.md"
 PICTURES = "pictures"
+ABSENT = "-"  # of a row without that column
 
 MEASURED: dict[str, Callable[[bool], Rows]] = {
     "table": lambda quick: Table(quick=quick).run(),
@@ -67,8 +68,8 @@ def page(kept: dict[str, Any]) -> str:
         "# Accuracy\n",
         "Errors of pictures in premultiplied linear RGBA: RMSE over the visible pixels, the largest component's error "
         "that 99.9 % of them keep to, and the tangent step, the largest jump between neighbouring pixels beyond the "
-        "truth's. K is the number of isovalues inside every visible slope. Made by `python -m benchmarks accuracy`; the "
-        "rows are in `accuracy.json`, what they mean for pictures is in `docs/accuracy.md`.\n",
+        "truth's. K is the number of isovalues inside every visible slope. Made by `python -m benchmarks accuracy`; "
+        "the rows are in `accuracy.json`, what they mean for pictures is in `docs/accuracy.md`.\n",
     ]
     for name, write in pages.items():
         if name in kept:
@@ -77,16 +78,28 @@ def page(kept: dict[str, Any]) -> str:
 
 
 def compact(kept: dict[str, Any]) -> str:
-    """JSON with one row per line."""
+    """JSON with the names of the columns once, and one row per line."""
     sections = []
     for name, part in kept.items():
-        rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in part["rows"])
-        sections.append(f'"{name}": {{"machine": {json.dumps(part["machine"])}, "rows": [\n{rows}\n]}}')
+        columns = list(dict.fromkeys(column for row in part["rows"] for column in row))
+        rows = ",\n".join(
+            json.dumps([row.get(column, ABSENT) for column in columns], ensure_ascii=False)
+            for row in part["rows"]
+        )
+        heads = f'"machine": {json.dumps(part["machine"])}, "columns": {json.dumps(columns)}'
+        sections.append(f'"{name}": {{{heads}, "rows": [\n{rows}\n]}}')
     return "{" + ",\n".join(sections) + "}\n"
 
 
 def _load() -> dict[str, Any]:
+    """Read the parts that `compact` wrote."""
     if not RAW.is_file():
         return {}
     kept: dict[str, Any] = json.loads(RAW.read_text(encoding="utf-8"))
+    for part in kept.values():
+        columns = part.pop("columns")
+        part["rows"] = [
+            {name: entry for name, entry in zip(columns, row, strict=True) if entry != ABSENT}
+            for row in part["rows"]
+        ]
     return kept
