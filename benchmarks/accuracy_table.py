@@ -63,8 +63,8 @@ def exact_summary(cells: Cells) -> str:
     heads = ("crossings of the", "scene", "cells", "geometric mean", "largest")
     return (
         "## Exact crossings: RMSE of cubic segments over that of linear ones\n\n"
-        f"From {LEAST_COUNT} isovalues per slope on, every analytic field once (0.1 or less was expected). On a trilinear "
-        "interpolant slopes jump from cell to cell, and the cubics gain less.\n\n" + table(heads, lines)
+        f"From {LEAST_COUNT} isovalues per slope on, every analytic field once (0.1 or less was expected). On a "
+        "trilinear interpolant slopes jump from cell to cell, and the cubics gain less.\n\n" + table(heads, lines)
     )
 
 
