@@ -64,7 +64,8 @@ def exact_summary(cells: Cells) -> str:
     return (
         "## Exact crossings: RMSE of cubic segments over that of linear ones\n\n"
         f"From {LEAST_COUNT} isovalues per slope on, every analytic field once (0.1 or less was expected). On a "
-        "trilinear interpolant slopes jump from cell to cell, and the cubics gain less.\n\n" + table(heads, lines)
+        "trilinear interpolant slopes jump from cell to cell, and the cubics gain less.\n\n"
+        + table(heads, lines)
     )
 
 
