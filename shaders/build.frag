@@ -39,7 +39,7 @@ void main() {
     float error = curved_error(gradient_local, position_local, moment);
     distance += curved_shift(error, along, length(gradient_local), frame.curved_limit);
 #endif
-    uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(abs(along), 0.0)) << 16);
+    uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(min(abs(along), LARGEST_HALF), 0.0)) << 16);
 #if RESIDUAL
     uint normal = floatBitsToUint(residual_value);
 #elif SHADING

@@ -68,6 +68,10 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help=f"isovalues inside each visible slope of the transfer function (default {DEFAULT_PER_SLOPE})",
     )
+
+
+def add_quality_options(parser: argparse.ArgumentParser) -> None:
+    """Add what decides about the meshes, and the search for isovalues."""
     parser.add_argument(
         "--tolerance",
         type=values.tolerance,

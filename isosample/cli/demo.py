@@ -195,7 +195,7 @@ def precompute(
     from isosample.rendering.preparation import Quality, prepare_surfaces
     from isosample.surfaces.cache import content_hash, write_cache
 
-    surfaces, plan, seconds = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
+    surfaces, plan, seconds, _ = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
     took |= seconds
     start = time.perf_counter()
     write_cache(

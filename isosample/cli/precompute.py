@@ -37,6 +37,7 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument("volume", type=Path, metavar="VOLUME", help="volume file or DICOM folder")
     arguments.add_plan_options(parser)
+    arguments.add_quality_options(parser)
     parser.add_argument(
         "--cache",
         type=Path,

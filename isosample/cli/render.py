@@ -81,6 +81,7 @@ def add_parser(commands: Commands) -> None:
         "1e-10, without OpenGL, for comparison",
     )
     arguments.add_plan_options(parser)
+    arguments.add_quality_options(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
     parser.add_argument(
         "--cache",
@@ -170,7 +171,9 @@ def statistics(
 ) -> dict[str, Any]:
     """Return the picture's statistics with what it shows, JSON-ready."""
     found = scene.surfaces.statistics
-    more = {} if errors is None else {"error_99.9_percent": errors}
+    more: dict[str, Any] = {} if errors is None else {"error_99.9_percent": errors}
+    if scene.mesh_distance is not None:
+        more["mesh_distance"] = scene.mesh_distance
     return (
         image.stats
         | more

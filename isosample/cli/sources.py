@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from isosample.cli.console import Progress
     from isosample.rendering.preparation import Quality
     from isosample.surfaces.extract import SurfaceSet
-    from isosample.surfaces.settings import ExtractionSettings
     from isosample.transfer.isovalues import IsovaluePlan
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
@@ -49,6 +48,8 @@ class PreparedScene:
         Where the transfer function comes from.
     seconds : dict of str to float
         By stage.
+    mesh_distance : float or None
+        Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
     """
 
     surfaces: SurfaceSet
@@ -57,6 +58,7 @@ class PreparedScene:
     name: str
     tf_origin: str
     seconds: dict[str, float]
+    mesh_distance: float | None = None
 
 
 def is_cache_folder(path: Path) -> bool:
@@ -134,11 +136,6 @@ def mesh_gradients(surfaces: SurfaceSet, values: Sequence[float]) -> list[float 
     return found
 
 
-def vars_of(settings: ExtractionSettings) -> dict[str, Any]:
-    """Return the settings as keywords."""
-    return {field.name: getattr(settings, field.name) for field in fields(settings)}
-
-
 def transfer_function_of(
     volume: Volume, given: TransferFunction | None, path: Path | None, *, nan_masked: bool
 ) -> tuple[TransferFunction, str]:
@@ -169,7 +166,8 @@ def quality_of(args: argparse.Namespace) -> Quality:
         If two options contradict each other.
     """
     from isosample.cli.arguments import UNSET
-    from isosample.rendering.preparation import DEFAULT_MAX_ISOVALUES, Quality
+    from isosample.defaults import DEFAULT_MAX_ISOVALUES
+    from isosample.rendering.preparation import Quality
     from isosample.volume.reconstruction import Reconstruction
 
     if args.tolerance is not None and args.per_slope is not None:
@@ -181,6 +179,16 @@ def quality_of(args: argparse.Namespace) -> Quality:
         raise InputError(
             f"--max-isovalues {args.max_isovalues} limits what --tolerance chooses; add --tolerance, or leave it out."
         )
+    if args.tolerance is not None and getattr(args, "segment", "cubic") != "cubic":
+        raise InputError(
+            f"--tolerance {args.tolerance:g} is searched for with cubic segments, and --segment {args.segment} makes "
+            "another picture; leave out one of them."
+        )
+    if args.tolerance is not None and getattr(args, "curved", None) is not None:
+        raise InputError(
+            "--tolerance is searched for with the crossings that its reconstruction asks for; leave out --curved and "
+            "--no-curved."
+        )
     refine = args.refine
     if refine == UNSET:
         refine = 1 if args.tolerance is None else None
@@ -190,6 +198,7 @@ def quality_of(args: argparse.Namespace) -> Quality:
         max_isovalues=DEFAULT_MAX_ISOVALUES if args.max_isovalues is None else args.max_isovalues,
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         refine=refine,
+        curved=getattr(args, "curved", None),
     )
 
 
@@ -219,7 +228,7 @@ def scene_from_volume(
 
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
-    surfaces, plan, seconds = prepare_surfaces(
+    surfaces, plan, seconds, distance = prepare_surfaces(
         volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress
     )
     return PreparedScene(
@@ -229,6 +238,7 @@ def scene_from_volume(
         name=volume.name,
         tf_origin=origin,
         seconds=seconds,
+        mesh_distance=distance,
     )
 
 
@@ -269,13 +279,13 @@ def scene_from_cache(
     if own is not None and given is None and per_slope is None:
         surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
         if surfaces.settings != settings:
-            surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
+            surfaces = load_surface_set(folder, plan.isovalues, **settings.as_keywords())
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
         value_range = own.surfaces.value_range if own else load_surface_set(folder, ()).value_range
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
         plan = plan_for(tf, value_range, per_slope, gradients)
-        surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
+        surfaces = load_surface_set(folder, plan.isovalues, **settings.as_keywords())
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -302,7 +312,7 @@ def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -
     settings = ExtractionSettings.from_dict(scene["settings"]) if scene else ExtractionSettings()
     settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
     try:
-        return load_surface_set(folder, (isovalue,), **vars_of(settings))
+        return load_surface_set(folder, (isovalue,), **settings.as_keywords())
     except CacheError as error:
         there = [float.fromhex(entry["isovalue"]) for entry in scene.get("surfaces", [])]
         if not there or isovalue in there:

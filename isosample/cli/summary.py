@@ -57,6 +57,8 @@ def summarise(
     errors: dict[str, float] | None = None,
 ) -> None:
     """Write the picture's path, what it took, and how far it may be off."""
+    from isosample.rendering.preparation import AUTO_DISTANCE
+
     stats = image.stats
     width, height = stats["size"]
     reused = scene.surfaces.statistics.levels_reused
@@ -73,6 +75,12 @@ def summarise(
     say_fields(fields | {"seconds": seconds(duration)})
     if not stats["isovalues"] and not scene.plan.band_visible.any():
         say("nothing is visible: the transfer function has no extinction inside the volume's range")
+    distance = scene.mesh_distance
+    if distance is not None and distance > AUTO_DISTANCE:
+        say(
+            f"--refine auto ended at {stats['refine']}: the meshes are {distance:.2g} voxel (rms) from the "
+            f"isosurfaces, not within {AUTO_DISTANCE:g}"
+        )
     for name, meaning in FLAWS.items():
         if stats[name]:
             say(meaning.format(thousands(stats[name])))
@@ -84,7 +92,7 @@ def error_line(errors: dict[str, float]) -> str:
     """The 99.9 percentiles of an error map."""
     return (
         f"99.9 % of the pixels: |cubic - linear| below {errors['indicator']:.2g}, mesh about {errors['mesh']:.2g}, "
-        f"guaranteed with exact crossings {errors['interval']:.2g}"
+        f"guaranteed with exact crossings, unlit: {errors['interval']:.2g}"
     )
 
 

@@ -8,6 +8,7 @@ import re
 
 SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
 LARGEST_EDGE = 1 << 20
+SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
 LARGEST_ZOOM = 1e6  # the GPU places vertices in float32: beyond it one pixel shows less than a rounding step
 SMALLEST_NORMAL, LARGEST_NORMAL = 1e-100, 1e100  # squares of these stay inside float64
 
@@ -35,14 +36,16 @@ def positive(text: str) -> float:
 
 
 def tolerance(text: str) -> float:
-    """Return an error between 0 and 1, as a number or a fraction such as 1/255."""
+    """Return an error up to 1, as a number or a fraction such as 1/255."""
     top, slash, bottom = text.partition("/")
     try:
         number = positive(top) / positive(bottom) if slash else positive(top)
-    except argparse.ArgumentTypeError as error:
+    except argparse.ArgumentTypeError:
+        number = 0.0
+    if not SMALLEST_TOLERANCE <= number <= 1.0:
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be an error above 0, such as 1/255 or 0.004"
-        ) from error
+            f"{text!r} must be an error from {SMALLEST_TOLERANCE:g} to 1, such as 1/255 or 0.004"
+        )
     return number
 
 

@@ -122,9 +122,9 @@ def _entries(
     piece, level, rising = _levels_between(pieces, isovalues)
     ray = pieces.ray[piece]
 
-    def above(t: F64) -> tuple[F64, F64]:
-        value, slope = sample(ray, t)
-        return value - isovalues[level], slope
+    def above(rows: I64, t: F64) -> tuple[F64, F64]:
+        value, slope = sample(ray[rows], t)
+        return value - isovalues[level[rows]], slope
 
     distance = _roots(above, rising, pieces.ends[piece])
     distance = distance[np.lexsort((distance, ray))]  # levels of one place keep the order of travel
@@ -153,7 +153,7 @@ def _monotone_pieces(sample: Callable[[I64, F64], tuple[F64, F64]], chords: F64)
     value, slope = (column.reshape(knots.shape) for column in sample(rays, knots.ravel()))
     where, step = np.nonzero(slope[:, :-1] * slope[:, 1:] < 0.0)
     ends = np.stack([knots[where, step], knots[where, step + 1]], axis=1)
-    turns = _roots(lambda t: (sample(where, t)[1], None), slope[where, step] < 0.0, ends)
+    turns = _roots(lambda rows, t: (sample(where[rows], t)[1], None), slope[where, step] < 0.0, ends)
     ray = np.concatenate([rays, where])
     t = np.concatenate([knots.ravel(), turns])
     values = np.concatenate([value.ravel(), sample(where, turns)[0]])
@@ -176,26 +176,28 @@ def _levels_between(pieces: _Pieces, isovalues: F64) -> tuple[I64, I64, npt.NDAr
 
 
 def _roots(
-    function: Callable[[F64], tuple[F64, F64 | None]], rising: npt.NDArray[np.bool_], ends: F64
+    function: Callable[[I64, F64], tuple[F64, F64 | None]], rising: npt.NDArray[np.bool_], ends: F64
 ) -> F64:
     """Places in [`ends`] where monotone functions pass 0: Newton's method inside shrinking brackets, or bisection.
 
-    The function gives values and, for Newton's method, derivatives.
+    The function gives values at places of some rows and, for Newton's method, derivatives.
     """
     low, high = ends.T.copy()
     place: F64 = 0.5 * (low + high)
-    for _ in range(ROOT_STEPS if len(place) else 0):
-        value, slope = function(place)
-        beyond = (value >= 0.0) == rising
-        high, low = np.where(beyond, place, high), np.where(beyond, low, place)
-        middle = 0.5 * (low + high)
-        if slope is None:
-            following = middle
-        else:
-            safe = np.where(slope == 0.0, 1.0, slope)
-            newton = place - value / safe
-            following = np.where((slope != 0.0) & (newton > low) & (newton < high), newton, middle)
-        moved, place = np.abs(following - place), following
-        if (moved <= 2.0 * np.spacing(np.abs(place))).all():
+    rows = np.arange(len(place))  # those that still move
+    for _ in range(ROOT_STEPS):
+        if not len(rows):
             break
+        here = place[rows]
+        value, slope = function(rows, here)
+        beyond = (value >= 0.0) == rising[rows]
+        high[rows], low[rows] = np.where(beyond, here, high[rows]), np.where(beyond, low[rows], here)
+        middle = 0.5 * (low[rows] + high[rows])
+        following = middle
+        if slope is not None:
+            safe = np.where(slope == 0.0, 1.0, slope)
+            newton = here - value / safe
+            following = np.where((slope != 0.0) & (newton > low[rows]) & (newton < high[rows]), newton, middle)
+        place[rows] = following
+        rows = rows[np.abs(following - here) > 2.0 * np.spacing(np.abs(following))]
     return place

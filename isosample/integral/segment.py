@@ -128,6 +128,22 @@ def panel_count(front: float, back: float, thickness: float) -> int:
 
 
 @compiled
+def largest_depth(
+    depth_low: float, depth_high: float, front: float, back: float, slope_front: float, slope_back: float
+) -> float:
+    """Largest extinction times length that the cubic reaches.
+
+    It stays between its Bernstein coefficients, so that a shallow bump needs few panels, however dense the far
+    end of its band.
+    """
+    first = min(max(front + slope_front / 3.0, 0.0), 1.0)
+    last = min(max(back - slope_back / 3.0, 0.0), 1.0)
+    lowest, highest = min(front, back, first, last), max(front, back, first, last)
+    change = depth_high - depth_low
+    return max(depth_low + lowest * change, depth_low + highest * change)
+
+
+@compiled
 def cubic_moments(
     depth_low: float,
     depth_high: float,
@@ -163,7 +179,7 @@ def cubic_moments(
     the opacity, which is in closed form: extinction is a cubic of u, for which the rule is exact.
     """
     width = end - start
-    thickness = max(depth_low, depth_high) * width
+    thickness = largest_depth(depth_low, depth_high, front, back, slope_front, slope_back) * width
     count = panel_count(front, back, thickness)
     first = second = third = fourth = 0.0
     through, left = 1.0, 0.0

@@ -376,6 +376,13 @@ class ABuffer:
                 f"{rasterised} fragments were rasterised, {built} stored and {walked} found in the lists. "
                 f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
             )
+        unfinished = int(counters["unfinished_rays"])
+        if unfinished:
+            raise LostFragmentsError(
+                f"{unfinished} rays were not walked to their end: the driver {self._ctx.info['GL_RENDERER']!r} ends "
+                f"long loops. The longest list has {int(counters['max_depth_complexity'])} fragments; use fewer "
+                "isovalues, or --segment linear."
+            )
         statistics.fragments += walked
         statistics.max_depth_complexity = max(
             statistics.max_depth_complexity, int(counters["max_depth_complexity"])

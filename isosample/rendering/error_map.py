@@ -138,7 +138,7 @@ def error_map(
     surfaces : SurfaceSet
     plan : IsovaluePlan
     camera, size, settings
-        As for `ABuffer.render`. Colours are taken as they are: shading only scales them.
+        As for `ABuffer.render`. Of the unlit picture: a highlight adds light that nothing here covers.
     progress : callable, optional
         Called with pixels done and pixels in all.
 

@@ -19,7 +19,7 @@ U32 = npt.NDArray[np.uint32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FragmentLists:
-    """Fragments of some of the pixels of a picture, sorted by pixel and then by distance.
+    """Fragments of some of the pixels of a picture, sorted by pixel, then by distance and in the order of travel.
 
     Attributes
     ----------
@@ -79,15 +79,18 @@ def decode_lists(
         current = nodes["next_index"][current].astype(np.int64)
     empty = np.empty(0, dtype=np.int64)
     pixels, picked = (np.concatenate([empty, *parts]) for parts in (found_pixels, found_nodes))
-    order = np.lexsort((nodes["distance"][picked], pixels))
-    picked = picked[order]
     surface = nodes["surface"][picked]
+    level = (surface & shared_constants()["LEVEL_MASK"]).astype(np.int64)
+    rising = (surface & shared_constants()["RISING_BIT"]) != 0
+    travel = np.where(rising, level, -level)  # as `tie_precedes` of shaders/pass/sort_lists.glsl
+    order = np.lexsort((nodes["normal"][picked], surface, travel, rising, nodes["distance"][picked], pixels))
+    picked, surface = picked[order], surface[order]
     return FragmentLists(
         covered=covered,
         pixels=pixels[order],
         distances=nodes["distance"][picked] + np.float32(start),
-        levels=(surface & shared_constants()["LEVEL_MASK"]).astype(np.int64),
-        rising=(surface & shared_constants()["RISING_BIT"]) != 0,
+        levels=level[order],
+        rising=rising[order],
         slopes=(surface >> 16).astype(np.uint16).view(np.float16).astype(np.float32),
         residuals=np.ascontiguousarray(nodes["normal"][picked]).view(np.float32),
     )

@@ -86,7 +86,7 @@ def _with_box(inside: _Columns, surfaces: SurfaceSet, origins: F64, directions: 
     kept = np.isin(rays, meets)
     rows = {name: column[kept] for name, column in inside.items()}
     rays = rays[kept]
-    # Rounding may leave a crossing on the border a little outside.
+    # As `node_between` of shaders/pass/weigh.glsl: rounding and curved surfaces may leave a crossing outside.
     rows["distance"] = np.clip(rows["distance"].astype(np.float64), interval[rays, 0], interval[rays, 1])
     ends = [
         _end(surfaces, origins[meets], directions[meets], meets, interval[meets, side], side == 0)

@@ -6,12 +6,14 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Self
 
-from isosample.defaults import DEFAULT_SIZE
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_SIZE
+from isosample.errors import InputError
 from isosample.gl.context import shared_context
+from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
-from isosample.rendering.preparation import DEFAULT_MAX_ISOVALUES, Quality, prepare_surfaces
+from isosample.rendering.preparation import Quality, prepare_surfaces
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.transfer.transfer_function import TransferFunction
@@ -99,12 +101,25 @@ def render(
         reconstruction=reconstruction,
         refine=(1 if tolerance is None else None) if refine is None else refine,
     )
-    surfaces, plan, seconds = prepare_surfaces(
+    _check_tolerance(quality, settings)
+    surfaces, plan, seconds, _ = prepare_surfaces(
         volume, transfer_function, quality, nan_masked=nan_masked, progress=progress
     )
     return render_surfaces(
         surfaces, plan, camera=camera, size=size, settings=settings, progress=progress, seconds=seconds
     )
+
+
+def _check_tolerance(quality: Quality, settings: RenderSettings | None) -> None:
+    """Raise unless a picture with a tolerance is the kind of picture that the search looks at."""
+    if quality.tolerance is None or settings is None:
+        return
+    if settings.segment is not SegmentRule.CUBIC or settings.curved is not None:
+        raise InputError(
+            f"tolerance {quality.tolerance:g} is searched for with cubic segments and the crossings that the "
+            f"reconstruction asks for; segment {settings.segment.value} with curved {settings.curved} makes another "
+            "picture."
+        )
 
 
 def render_surfaces(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.defaults import DEFAULT_PER_SLOPE
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 AUTO_DISTANCE = 0.01  # rms distance between mesh and isosurface that `refine=None` asks for [voxel]
-DEFAULT_MAX_ISOVALUES = 512
+MOST_TRIANGLES = 20_000_000  # `refine=None` tries no refinement that could have more
+GROWTH = 4  # a division makes four triangles of one at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +51,8 @@ class Quality:
     refine : int or None
         Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8. None: as many as the meshes need to
         come within 0.01 voxel (rms) of the isosurfaces, or as the tolerance needs.
+    curved : bool or None
+        Which triangles `refine=None` measures, see `RenderSettings.curved`.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Quality:
     max_isovalues: int = DEFAULT_MAX_ISOVALUES
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int | None = 1
+    curved: bool | None = None
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.per_slope is not None:
@@ -69,18 +73,33 @@ class Quality:
                 f"per_slope {self.per_slope} and tolerance {self.tolerance:g} both decide about the isovalues; "
                 "leave out one of them."
             )
+        if self.tolerance is not None and not self.tolerance > 0.0:
+            raise InputError(f"tolerance {self.tolerance!r} must be above 0, for instance 1/255.")
+        if self.max_isovalues < 1:
+            raise InputError(f"max_isovalues {self.max_isovalues!r} must be a whole number >= 1.")
         if self.refine is not None and self.refine not in REFINEMENTS:
             raise InputError(
                 f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
             )
 
 
-class Prepared(NamedTuple):
-    """Surfaces, the plan they were extracted for, and the seconds of both stages."""
+class PreparedSurfaces(NamedTuple):
+    """Surfaces and the plan they were extracted for.
+
+    Attributes
+    ----------
+    surfaces : SurfaceSet
+    plan : IsovaluePlan
+    seconds : dict of str to float
+        Of both stages.
+    mesh_distance : float or None
+        With ``refine=None``: largest rms distance of a level from its isosurface [voxel].
+    """
 
     surfaces: SurfaceSet
     plan: IsovaluePlan
     seconds: dict[str, float]
+    mesh_distance: float | None = None
 
 
 def prepare_surfaces(
@@ -92,7 +111,7 @@ def prepare_surfaces(
     residuals: bool = False,
     cache: Path | None = None,
     progress: Progress | None = None,
-) -> Prepared:
+) -> PreparedSurfaces:
     """Plan and extract what a picture needs.
 
     Parameters
@@ -103,7 +122,8 @@ def prepare_surfaces(
     nan_masked : bool
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
     residuals : bool
-        Measure the distance of the meshes from the isosurfaces, for error maps.
+        Measure the distance of the meshes from the isosurfaces, for error maps; always done for a tolerance and
+        for ``refine=None``.
     cache : path, optional
         Folder whose surfaces of this volume are used again and added to.
     progress : callable, optional
@@ -111,7 +131,7 @@ def prepare_surfaces(
 
     Returns
     -------
-    prepared : Prepared
+    prepared : PreparedSurfaces
         The plan has a `report` where a tolerance was asked for.
 
     Raises
@@ -126,20 +146,31 @@ def prepare_surfaces(
         return _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
-    extract = partial(
-        extract_surfaces if cache is None else partial(_extract_into, cache),
-        nan_masked=nan_masked,
-        reconstruction=quality.reconstruction,
-        progress=None if progress is None else partial(progress, "extract"),
-    )
-    if quality.refine is not None:
-        surfaces = extract(volume, plan.isovalues, refine=quality.refine, residuals=residuals)
-    else:
-        for refine in REFINEMENTS:
-            surfaces = extract(volume, plan.isovalues, refine=refine, residuals=True)
-            if mesh_distance(surfaces) <= AUTO_DISTANCE:
-                break
-    return Prepared(surfaces, plan, {"plan": planned - start, "extract": time.perf_counter() - planned})
+    refine, distance = quality.refine, None
+    options: dict[str, Any] = {"nan_masked": nan_masked, "reconstruction": quality.reconstruction}
+    if progress is not None:
+        options["progress"] = partial(progress, "extract")
+    if refine is None:
+        surfaces, distance = _refined_enough(volume, plan, quality, options)
+        refine = surfaces.settings.refine
+    if cache is not None:
+        surfaces = _extract_into(cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options)
+    elif distance is None:
+        surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=residuals, **options)
+    seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
+    return PreparedSurfaces(surfaces, plan, seconds, distance)
+
+
+def _refined_enough(
+    volume: Volume, plan: IsovaluePlan, quality: Quality, options: dict[str, Any]
+) -> tuple[SurfaceSet, float]:
+    """Surfaces within AUTO_DISTANCE of the isosurfaces, or the finest that may be had; and their distance."""
+    for refine in REFINEMENTS:
+        surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=True, **options)
+        distance = mesh_distance(surfaces, quality.curved)
+        if distance <= AUTO_DISTANCE or GROWTH * sum(surfaces.statistics.triangles) > MOST_TRIANGLES:
+            break
+    return surfaces, distance
 
 
 def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
@@ -154,11 +185,11 @@ def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quali
     )
 
 
-def mesh_distance(surfaces: SurfaceSet) -> float:
+def mesh_distance(surfaces: SurfaceSet, curved: bool | None) -> float:
     """Largest rms distance of a level from its isosurface, as it is rendered [voxel]."""
     errors = [error for error in surfaces.mesh_errors if error is not None]
-    curved = surfaces.settings.reconstruction.smooth
-    return max((error.curved_rms if curved else error.flat_rms for error in errors), default=0.0)
+    bent = surfaces.settings.reconstruction.smooth if curved is None else curved
+    return max((error.curved_rms if bent else error.flat_rms for error in errors), default=0.0)
 
 
 def _extract_into(cache: Path, volume: Volume, isovalues: object, **options: object) -> SurfaceSet:
@@ -172,7 +203,7 @@ def _for_tolerance(
     nan_masked: bool,
     cache: Path | None,
     progress: Progress | None,
-) -> Prepared:
+) -> PreparedSurfaces:
     """Search for a plan; its surfaces go through the cache where there is one."""
     from isosample.rendering.tolerance import plan_for_tolerance
 
@@ -190,9 +221,9 @@ def _for_tolerance(
     )
     planned = time.perf_counter()
     surfaces = found.surfaces
-    if cache is not None or not surfaces.settings.residuals:
-        extract = extract_surfaces if cache is None else partial(_extract_into, cache)
-        surfaces = extract(
+    if cache is not None:
+        surfaces = _extract_into(
+            cache,
             volume,
             found.plan.isovalues,
             nan_masked=nan_masked,
@@ -201,4 +232,6 @@ def _for_tolerance(
             residuals=True,
             progress=None if progress is None else partial(progress, "extract"),
         )
-    return Prepared(surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned})
+    return PreparedSurfaces(
+        surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
+    )

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from isosample.defaults import DEFAULT_MAX_ISOVALUES
 from isosample.errors import InputError
 from isosample.gl.context import shared_context
 from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_isovalues
 from isosample.rendering.mesh_search import search_mesh
+from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import QUANTILE, PlanningViews, orbit_views
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
@@ -36,12 +38,8 @@ if TYPE_CHECKING:
 
 SAFETY = 0.5  # share of the tolerance for the isovalues; the rest is the mesh's
 DEFAULT_PIXELS = 48
-DEFAULT_MAX_ISOVALUES = 512
 DEFAULT_MAX_TRIANGLES = 20_000_000
 SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
-LEAST_SLOPE = (
-    1e-6  # |df/dt| of a sheet's crossing, at least, in value ranges per box radius (maths of sheets)
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +241,7 @@ def _search_isovalues(
         target=SAFETY * tolerance,
         max_isovalues=max_isovalues,
         gradients=_remembered(partial(gradient_at_values, volume)),
-        least_slope=LEAST_SLOPE * (high - low) / volume.box.radius,
+        least_slope=LEAST_SHEET_SLOPE * (high - low) / volume.box.radius,
         progress=_stage(progress, "isovalues"),
     )
 

@@ -11,7 +11,7 @@ Every file is replaced whole, carries the format's version, and is checked again
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -232,7 +232,7 @@ def extract_with_cache(
     missing = np.array([not surface_path(folder, key).exists() for key in keys], dtype=np.bool_)
     if not missing.any() and boundary_path(folder, settings).exists():
         return _read_surfaces(folder, _read_volume(folder), levels, settings, {})
-    extracted = extract_surfaces(volume, levels[missing], **_as_keywords(settings), progress=progress)
+    extracted = extract_surfaces(volume, levels[missing], **settings.as_keywords(), progress=progress)
     _write_volume(folder, extracted, volume_hash, volume.name)
     for level, place in enumerate(np.flatnonzero(missing)):
         write_surface(surface_path(folder, keys[place]), keys[place], extracted.pieces(level))
@@ -247,10 +247,6 @@ def extract_with_cache(
         vertices=count_per_level(levels, meshes, "positions"),
     )
     return replace(extracted, isovalues=levels, meshes=tuple(meshes), statistics=statistics)
-
-
-def _as_keywords(settings: ExtractionSettings) -> dict[str, Any]:
-    return {field.name: getattr(settings, field.name) for field in fields(settings)}
 
 
 def _check_owner(folder: Path, content_hash: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,6 +73,10 @@ class ExtractionSettings:
     def rounds(self) -> int:
         """How often triangles are divided: log2 of `refine`."""
         return self.refine.bit_length() - 1
+
+    def as_keywords(self) -> dict[str, Any]:
+        """The settings as keywords of `extract_surfaces`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, ready for JSON."""

@@ -19,6 +19,7 @@ const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level i
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
 const uint DOMAIN_LEVEL = 0x7FFFu;       // Node.surface level of a fragment on the border of the valid cells
+const float LARGEST_HALF = 65504.0;      // of the slopes in the nodes: steeper is as steep
 const int MAX_CLIP_PLANES = 8;
 const uint LINK_SORT_LIMIT = 1024u;      // longer lists are sorted by merge_lists.comp, one call per pass: llvmpipe ends
                                          // every loop of a shader call after 65535 iterations in all, in silence
@@ -39,6 +40,7 @@ struct Counters {
     uint band_violations;                // fragments that do not continue the walk of a ray that is not balanced
     uint reordered_fragments;            // fragments of balanced rays that do not stand in the order of the levels
     uint unrepaired_pixels;              // rays with a lost crossing whose place nothing tells
+    uint unfinished_rays;                // walks that the driver ended before their list did: 0, or there is no picture
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
 };

@@ -79,6 +79,15 @@ float panel_edge(int number, int count, float thickness) {
     return thickness > SEGMENT_PANEL_DEPTH * float(MAX_SEGMENT_PANELS) ? even * even : even;
 }
 
+// Largest extinction times length that the cubic reaches: it stays between its Bernstein coefficients, so that a shallow
+// bump needs few panels, however dense the far end of its band.
+float largest_depth(vec2 depths, float front, float back, vec2 slopes) {
+    vec4 reached = clamp(vec4(front, front + slopes.x / 3.0, back - slopes.y / 3.0, back), 0.0, 1.0);
+    float lowest = min(min(reached.x, reached.y), min(reached.z, reached.w));
+    float highest = max(max(reached.x, reached.y), max(reached.z, reached.w));
+    return max(mix(depths.x, depths.y, lowest), mix(depths.x, depths.y, highest));
+}
+
 // Emission integrals over the part [part.x, part.y] of a segment, along which the position p in the band is a cubic of u:
 // integrals of w tau exp(-D) for w = 1, p, u and u p. `depths` is the extinction at the two ends of the band times the
 // length of the whole segment. A colour that runs linearly over the band gives c_low (x - y) + c_high y.
@@ -88,7 +97,7 @@ float panel_edge(int number, int count, float thickness) {
 // Error of rounding: see tests/shaders/test_segment.py.
 vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part) {
     float width = part.y - part.x;
-    float thickness = max(depths.x, depths.y) * width;
+    float thickness = largest_depth(depths, front, back, slopes) * width;
     int count = panel_count(front, back, thickness);
     vec4 moments = vec4(0.0);
     float through = 1.0;

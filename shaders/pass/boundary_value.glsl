@@ -1,4 +1,5 @@
-// The field's value where a ray meets the box: bilinear on the stored face, which is the trilinear field there.
+// The field's value where a ray meets the box: bilinear on the stored face, which is the trilinear field
+// there, or the bicubic of a smooth reconstruction.
 // Expects `frame`, `bands`, `boundary` and `ray_direction` of the resolve pass.
 
 vec3 unit_from_local(vec3 local, float w) {

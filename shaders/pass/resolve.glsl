@@ -17,6 +17,7 @@ vec3 ray_direction;                       // unit, of the pixel being resolved
 #include "pass/node.glsl"
 #include "pass/walk.glsl"
 #include "pass/gap.glsl"
+#include "pass/weigh.glsl"
 #include "pass/span.glsl"
 
 // Cuts the visible part of the ray to what is in front of the eye and of every clip plane.

@@ -1,6 +1,6 @@
 // The state of one ray between two crossings, and what a segment, a sheet and an impulse add to it. Expects the buffers
 // `bands` and `levels`, `frame`, `ray_direction`, and the constants SEGMENT_RULE and SHADING.
-// Twin: isosample/integral/data_centric.py
+// Twins: isosample/integral/list_segments.py, list_walk.py
 
 const float UNKNOWN_SLOPE = 3e38;
 const float LEAST_SLOPE = 1e-6;           // of a sheet: |df/dt| times the box radius

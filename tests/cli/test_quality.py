@@ -13,6 +13,7 @@ import pytest
 from isosample.cli import EXIT_FAILED, summary
 from isosample.cli import render as render_command
 from isosample.errors import UnrepairedError
+from isosample.rendering.preparation import AUTO_DISTANCE
 
 if TYPE_CHECKING:
     from cli.harness import Run
@@ -69,9 +70,11 @@ def test_the_meshes_of_a_cache_are_what_they_are(run: Run, option: str) -> None:
     [
         ("--tolerance 1/16 --per-slope 3", "--per-slope 3"),
         ("--max-isovalues 9", "--tolerance"),
-        ("--tolerance 0", "'0' must be an error above 0"),
-        ("--tolerance 1/0", "'1/0' must be an error above 0"),
-        ("--tolerance 2", "tolerance 2"),
+        ("--tolerance 0", "'0' must be an error from 1e-05 to 1"),
+        ("--tolerance 1/0", "'1/0' must be an error"),
+        ("--tolerance 2", "'2' must be an error"),
+        ("--tolerance 1/16 --segment linear", "--segment linear makes another picture"),
+        ("--tolerance 1/16 --no-curved", "leave out --curved and --no-curved"),
         ("--refine 3", "'3' must be 1, 2, 4, 8 or auto"),
         ("--error-map errors.jpg", "errors.jpg"),
         ("--reconstruction linear", "invalid choice: 'linear'"),
@@ -99,9 +102,30 @@ def test_an_error_map_is_drawn_in_false_colours(run: Run) -> None:
 def test_automatic_refinement_comes_within_its_distance(run: Run) -> None:
     assert run(f"{RENDER} --refine auto --stats auto.json -o out.png").status == 0
     assert run(f"{RENDER} --stats plain.json -o out.png").status == 0
-    refine = statistics("auto.json")["refine"]
-    assert refine in (2, 4, 8)
-    assert statistics("plain.json")["refine"] == 1
+    found, plain = statistics("auto.json"), statistics("plain.json")
+    assert found["refine"] in (2, 4, 8)
+    assert plain["refine"] == 1
+    assert "mesh_distance" not in plain
+    distance = found["mesh_distance"]
+    assert isinstance(distance, float)
+    assert 0.0 < distance <= AUTO_DISTANCE
+
+
+def test_a_refinement_that_does_not_come_within_its_distance_says_so(run: Run) -> None:
+    noise = np.random.default_rng(3).random((6, 6, 6)).astype(np.float32) * 100.0
+    np.save("noise.npy", noise)
+    outcome = run("render noise.npy --tf tf.json --size 16x16 --refine auto --stats stats.json -o out.png")
+    assert outcome.status == 0
+    distance = statistics()["mesh_distance"]
+    assert isinstance(distance, float)
+    assert distance > AUTO_DISTANCE
+    assert "not within 0.01" in outcome.out
+
+
+def test_info_takes_no_options_that_it_would_ignore(run: Run) -> None:
+    outcome = run("info blob.npy --tf tf.json --plan --tolerance 1/16")
+    assert outcome.status == 2
+    assert "--tolerance" in outcome.err
 
 
 def test_a_strict_picture_without_guesses_is_the_same(run: Run) -> None:

@@ -105,6 +105,20 @@ def assert_limited(gl: moderngl.Context, root: Path | None = None) -> None:
     assert_within(found, expected, factor[:, None] * np.abs(pairs(first, last)) + TINY)
 
 
+def assert_depth(gl: moderngl.Context, root: Path | None = None) -> None:
+    rng = np.random.default_rng(6)
+    front, back, low, high = (uniform(rng, 0.0, 1.0) for _ in range(4))
+    a, b = (uniform(rng, -3.0, 3.0) for _ in range(2))
+    signature = "float largest_depth(vec2 depths, float front, float back, vec2 slopes)"
+    found = call(
+        gl, SEGMENT, signature, pairs(low, high), front, back, pairs(a, b), root=root, prelude=OPTICS
+    )
+    # A division and a sum place a coefficient of at most 2 before it is clamped; mixing depths of at most 1 has 3 more.
+    assert_within(
+        found, exact(segment.largest_depth, low, high, front, back, a, b), gamma(DIVISION + 4) * 3.0
+    )
+
+
 def moment_cases() -> tuple[F32, ...]:
     """Clear to opaque segments, whole and cut, whose number of panels does not hang on a rounding."""
     rng = np.random.default_rng(5)
@@ -116,7 +130,8 @@ def moment_cases() -> tuple[F32, ...]:
     slopes = [rng.uniform(0.0, 3.0, COUNT).astype(np.float32) for _ in range(2)]
     a = np.where(front == 0.0, slopes[0], -slopes[0]).astype(np.float32)
     b = np.where(back == 1.0, slopes[1], -slopes[1]).astype(np.float32)
-    panels = np.maximum(low, high).astype(np.float64) * (end - start) / segment.PANEL_DEPTH
+    reached = exact(segment.largest_depth, low, high, front, back, a, b)
+    panels = reached * (end - start) / segment.PANEL_DEPTH
     kept = np.abs(panels - np.rint(panels)) > 1e-5 * (1.0 + panels)
     return tuple(column[kept] for column in (low, high, front, back, a, b, start, end))
 
@@ -143,6 +158,7 @@ CHECKS = {
     "bump": assert_bump,
     "overshoot": assert_overshoot,
     "limiter": assert_limited,
+    "depth": assert_depth,
     "moments": assert_moments,
 }
 
@@ -175,6 +191,7 @@ def test_panels_end_where_the_twin_s_end(gl: moderngl.Context) -> None:
         ("bump", "2.0 - share + sqrt", "2.0 + share + sqrt"),
         ("overshoot", "3.0 * (a + b - 2.0)", "2.0 * (a + b - 2.0)"),
         ("limiter", "3.0 / max(length(size), 3.0)", "2.9 / max(length(size), 3.0)"),
+        ("depth", "back - slopes.y / 3.0", "back + slopes.y / 3.0"),
         ("moments", "-0.035976667524938911", "0.035976667524938911"),
         ("moments", "dot(emitted, u * p)", "dot(emitted, u * u)"),
         ("moments", "through *= 1.0 - opacity", "through *= 1.0 - 0.999 * opacity"),
