@@ -42,7 +42,7 @@ SEGMENT_RULES = {
     SegmentRule.LINEAR: 2,
     SegmentRule.CUBIC: 3,
 }
-LONGEST_LIST = 10_000  # about 6 loop iterations per node in one shader call stay below llvmpipe's 65535
+LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
 @dataclass(slots=True)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from isosample.errors import CapacityError, LostFragmentsError
-from isosample.rendering.abuffer import ABuffer
+from isosample.gl.context import is_software
+from isosample.rendering import abuffer as abuffer_module
+from isosample.rendering.abuffer import LONGEST_LIST, ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.scene import LevelRange, Scene
 from isosample.rendering.settings import RenderSettings, ResolveStage
@@ -78,13 +80,24 @@ def test_full_screen_layers_composite_to_the_analytic_product(
 
 @pytest.mark.parametrize("stage", [ResolveStage.FRAGMENT, ResolveStage.COMPUTE])
 def test_lists_of_many_thousands_are_sorted(gl: moderngl.Context, stage: ResolveStage) -> None:
-    count = 9000
+    count = LONGEST_LIST
     scene, camera = layers(count, 0.001)
     with ABuffer(gl, scene) as abuffer:
         rgba, statistics = abuffer.render(camera, (8, 8), RenderSettings(stage=stage))
     assert statistics.max_depth_complexity == count
     assert statistics.band_violations == 0
     assert np.abs(rgba - composite_of_layers(count, 0.001)).max() <= 3 * count * 2.0**-24
+
+
+def test_a_walk_that_the_driver_cuts_short_is_an_error(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not is_software(gl):
+        pytest.skip("only llvmpipe is known to end long loops")
+    monkeypatch.setattr(abuffer_module, "LONGEST_LIST", 20_000)
+    scene, camera = layers(9000, 0.0005)
+    with ABuffer(gl, scene) as abuffer, pytest.raises(LostFragmentsError, match="not walked to their end"):
+        abuffer.render(camera, (8, 8), RenderSettings(min_transmittance=0.0))
 
 
 def translucent_scene() -> tuple[Scene, Camera]:
