@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.volume.lazy import LazySamples, blocks_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -155,7 +156,8 @@ class Volume:
     Parameters
     ----------
     array : (Z, Y, X) integer or floating point
-        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped.
+        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped, or
+        `LazySamples`, which stay in their file until they are sliced.
     spacing : 3 floats
         Distance between samples along x, y, z [world], > 0.
     origin : 3 floats
@@ -191,7 +193,7 @@ class Volume:
 
     def __post_init__(self) -> None:
         array = self.array
-        if not isinstance(array, np.ndarray):
+        if not isinstance(array, np.ndarray | LazySamples):
             raise InputError(
                 f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
             )
@@ -248,6 +250,10 @@ class Volume:
                 block = block[np.isfinite(block)]
             if block.size:
                 low, high = min(low, float(block.min())), max(high, float(block.max()))
+        return self.checked_range(low, high)
+
+    def checked_range(self, low: float, high: float) -> tuple[float, float]:
+        """Return the range of the samples, or raise as `value_range` does."""
         if low > high:
             raise InputError(f"{self.name} has no finite sample; there is nothing to render.")
         if self.array.dtype.kind in "iu" and max(-low, high) > EXACT_INTEGERS:
@@ -273,11 +279,8 @@ class Volume:
         return Volume(self.array, spacing=self.spacing, name=self.name)
 
     def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
-        """Yield slabs of whole z slices of about `block_bytes`, so that a memory-mapped file is read once."""
-        slice_bytes = max(1, self.array[0].nbytes)
-        step = max(1, block_bytes // slice_bytes)
-        for z in range(0, self.array.shape[0], step):
-            yield np.asarray(self.array[z : z + step])
+        """Yield blocks of about `block_bytes` that hold every sample once, each part of a file being read once."""
+        return blocks_of(self.array, block_bytes)
 
 
 def _three_floats(values: object, what: str) -> tuple[float, float, float]:
