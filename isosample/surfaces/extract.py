@@ -11,7 +11,7 @@ import numpy as np
 
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
-from isosample.surfaces.marching_cubes import march
+from isosample.surfaces.marching_cubes import march_levels
 from isosample.surfaces.mesh import BrickMesh, Mesh
 from isosample.surfaces.mesh_error import measure
 from isosample.surfaces.refine import NamedMesh, refined, settle_centres
@@ -27,6 +27,7 @@ from isosample.volume.reconstruction import GridSpline, Reconstruction
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from isosample.surfaces.marching_cubes import LocalMesh
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, Volume
 
@@ -53,7 +54,7 @@ def extract_surfaces(
         Strictly ascending, finite, in data units. A value outside the data's range gives an empty surface.
         A sample equal to an isovalue counts as inside.
     brick_cells : int
-        Cells per brick along each axis, 1 to 128. Geometry does not depend on it, bit for bit.
+        Cells per brick along each axis, 1 to 32. Geometry does not depend on it, bit for bit.
     nan_masked : bool
         True: cells with a non-finite corner have no triangles, and surfaces end there, open.
     reconstruction : Reconstruction
@@ -147,10 +148,37 @@ def extract_meshes(
 
 
 def extract_brick(
-    samples: BrickSamples, isovalue: float, brick: Brick, volume: Volume, settings: ExtractionSettings
+    samples: BrickSamples, isovalues: F64, brick: Brick, volume: Volume, settings: ExtractionSettings
+) -> list[BrickMesh]:
+    """Return the isosurfaces in one brick that have triangles, in the order of the isovalues.
+
+    Parameters
+    ----------
+    samples : BrickSamples
+    isovalues : (L,) float64
+        Strictly ascending.
+    brick : Brick
+    volume : Volume
+        Names the vertices, and tells how triangles are wound in world space.
+    settings : ExtractionSettings
+    """
+    found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
+    return [
+        _brick_mesh(samples, isovalue, local, brick, volume, settings)
+        for isovalue, local in found
+        if len(local.triangles)
+    ]
+
+
+def _brick_mesh(
+    samples: BrickSamples,
+    isovalue: float,
+    local: LocalMesh,
+    brick: Brick,
+    volume: Volume,
+    settings: ExtractionSettings,
 ) -> BrickMesh:
     """Return one isosurface in one brick, vertices named in the whole volume, wound for world space."""
-    local = march(samples, isovalue)
     z, y, x = np.unravel_index(local.samples, samples.values.shape)
     size_x, size_y, size_z = volume.size_xyz
     linear = (x + brick.start[0]) + size_x * ((y + brick.start[1]) + size_y * (z + brick.start[2]))
@@ -203,8 +231,7 @@ def _visit_bricks(
     def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
         brick, isovalues = task
         samples = load_brick(nodes, brick) if spline is None else spline_brick(nodes, spline, brick)
-        found = (extract_brick(samples, value, brick, nodes, settings) for value in isovalues.tolist())
-        return [mesh for mesh in found if len(mesh.triangles)]
+        return extract_brick(samples, isovalues, brick, nodes, settings)
 
     pool = ThreadPoolExecutor(max_workers=os.cpu_count())
     try:

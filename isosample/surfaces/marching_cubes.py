@@ -33,7 +33,7 @@ class LocalMesh:
     Attributes
     ----------
     positions : (V, 3) float64
-        Index coordinates (x, y, z) relative to the brick's first sample, multiples of 2**-17 [voxel].
+        Index coordinates (x, y, z) relative to the brick's first sample, multiples of 2**-19 [voxel].
     gradients : (V, 3) float64
         Derivative per sample step along x, y, z [data units / voxel].
     axes : (V,) int64
@@ -59,6 +59,11 @@ class _ActiveCells:
     cases: I64
 
 
+def march_levels(brick: BrickSamples, isovalues: F64) -> list[LocalMesh]:
+    """Return the isosurfaces in one brick, one per isovalue; see `march`."""
+    return [march(brick, isovalue) for isovalue in isovalues.tolist()]
+
+
 def march(brick: BrickSamples, isovalue: float) -> LocalMesh:
     """Return the isosurface in one brick, watertight inside it, in the brick's own numbering.
 
@@ -75,8 +80,8 @@ def march(brick: BrickSamples, isovalue: float) -> LocalMesh:
 
     Notes
     -----
-    A vertex lies where the field along its grid edge takes the isovalue, kept 2**-14 voxel away from the two
-    samples and rounded to 2**-17 voxel. The first moves it by at most 2**-14 voxel, and only where a sample
+    A vertex lies where the field along its grid edge takes the isovalue, kept 2**-19 voxel away from the two
+    samples and rounded to 2**-19 voxel. The first moves it by at most 2**-19 voxel, and only where a sample
     is (almost) equal to the isovalue; without it such a sample would collapse triangles. Its gradient is that
     of a smooth reconstruction there, or central differences interpolated along the edge. A vertex inside a
     cell lies at the mean of those around it, with the mean of their gradients.

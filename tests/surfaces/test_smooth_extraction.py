@@ -33,7 +33,7 @@ def test_vertices_on_grid_edges_are_roots_of_the_spline(reconstruction: Reconstr
     """The field there is off by no more than the rounding of the position times the slope along the edge."""
     volume = Volume(closed_noise(4, size=9))
     spline = GridSpline.build(volume, reconstruction)
-    (mesh,) = extract_surfaces(volume, [0.1], reconstruction=reconstruction, brick_cells=128).meshes
+    (mesh,) = extract_surfaces(volume, [0.1], reconstruction=reconstruction, brick_cells=32).meshes
     edge = mesh.edge_keys < 3 * volume.array.size
     positions = mesh.positions.astype(np.float64)[edge]
     axis = mesh.edge_keys[edge] % 3
@@ -54,7 +54,7 @@ def test_vertices_inside_cells_are_moved_onto_the_isosurface(refine: int) -> Non
     volume = Volume(closed_noise(6, size=14))
     spline = GridSpline.build(volume, Reconstruction.CUBIC)
     (mesh,) = extract_surfaces(
-        volume, [0.2], reconstruction=Reconstruction.CUBIC, brick_cells=128, refine=refine
+        volume, [0.2], reconstruction=Reconstruction.CUBIC, brick_cells=32, refine=refine
     ).meshes
     inner = mesh.edge_keys >= 3 * volume.array.size
     positions = mesh.positions.astype(np.float64)[inner]
@@ -75,7 +75,7 @@ def test_smooth_surfaces_are_closed_and_do_not_depend_on_the_bricks(
     reconstruction: Reconstruction, brick_cells: int
 ) -> None:
     volume = Volume(closed_noise(2, size=12), spacing=(0.3, 0.7, 1.1), origin=(5.0, -3.0, 0.1))
-    whole = extract_mesh(volume, 0.1, reconstruction=reconstruction, brick_cells=128)
+    whole = extract_mesh(volume, 0.1, reconstruction=reconstruction, brick_cells=32)
     assert_watertight(whole)
     parts = extract_mesh(volume, 0.1, reconstruction=reconstruction, brick_cells=brick_cells)
     assert_same_mesh(whole, parts)
