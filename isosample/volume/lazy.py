@@ -106,12 +106,23 @@ class MappedSamples(LazySamples):
 
     def read(self, block: Block) -> SampleArray:
         """Copy a block out of the mapped file."""
-        samples = np.array(self.mapped[block], order="C", subok=False)
+        z, y, x = block
+        samples = np.empty([part.stop - part.start for part in block], dtype=self.dtype)
+        step = max(
+            1, READ_BYTES // max(1, abs(self.mapped.strides[0]))
+        )  # a thin block touches every page it spans
+        for low in range(z.start, z.stop, step):
+            high = min(low + step, z.stop)
+            samples[low - z.start : high - z.start] = self.mapped[low:high, y, x]
+            self._give_back()
+        return samples
+
+    def _give_back(self) -> None:
+        """Drop the pages of the file from this process; only a hint, without which they stay until memory is short."""
         pages = getattr(self.mapped, "_mmap", None)
         if isinstance(pages, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            with contextlib.suppress(OSError):  # only a hint: without it the pages stay until memory is short
+            with contextlib.suppress(OSError):
                 pages.madvise(mmap.MADV_DONTNEED)
-        return samples
 
 
 class Window(LazySamples):
