@@ -87,6 +87,7 @@ def extract_surfaces(
         residuals=residuals,
     )
     levels = check_isovalues(isovalues)
+    volume = volume.in_memory()
     check_volume(volume, settings)
     spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
     nodes = _values_at_samples(volume, reconstruction, spline)

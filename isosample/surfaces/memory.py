@@ -98,8 +98,17 @@ class Gate:
 
 def resident_bytes() -> int:
     """Return the memory that this process holds now, 0 where the system does not tell."""
+    return _state("VmRSS")
+
+
+def peak_bytes() -> int:
+    """Return the most memory that this process ever held, 0 where the system does not tell."""
+    return _state("VmHWM")
+
+
+def _state(name: str) -> int:
     try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        lines = Path("/proc/self/status").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return 0
-    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("VmRSS:")), 0)
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{name}:")), 0)

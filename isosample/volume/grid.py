@@ -278,6 +278,15 @@ class Volume:
         """Return the same samples in the volume's own axes: spacing kept, origin and direction dropped."""
         return Volume(self.array, spacing=self.spacing, name=self.name)
 
+    def in_memory(self) -> Volume:
+        """Return the same volume with its samples in memory, in their own type; memory-mapped ones stay mapped."""
+        if not isinstance(self.array, LazySamples):
+            return self
+        loaded = Volume(np.asarray(self.array), self.spacing, self.origin, self.direction, self.name)
+        known = {name: vars(self)[name] for name in ("value_range", "nonfinite_counts") if name in vars(self)}
+        vars(loaded).update(known)
+        return loaded
+
     def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
         """Yield blocks of about `block_bytes` that hold every sample once, each part of a file being read once."""
         return blocks_of(self.array, block_bytes)
