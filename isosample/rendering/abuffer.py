@@ -15,7 +15,8 @@ from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.culling import Bounds, outline_planes, ruled_out, slack_of, tile_planes
+from isosample.rendering.device_scene import DeviceScene, Pass
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
@@ -72,6 +73,19 @@ class FrameStatistics:
         Parts in which the picture was rendered.
     pool_bytes : int
         Memory of the fragment pool.
+    chunks : int
+        Pieces of the meshes, (isovalue, brick).
+    chunks_outside_view : int
+        Pieces that were not drawn because they lie beside the picture (or behind the eye, where that is outside
+        of the box).
+    chunks_clipped : int
+        Pieces that were not drawn because the clip planes leave nothing visible along all rays that meet them.
+    triangles_drawn : int
+        Of the other pieces.
+    mesh_batches : int
+        Uploads of meshes for this picture.
+    mesh_bytes : int
+        Most memory of meshes on the GPU at once.
     """
 
     fragments: int = 0
@@ -84,6 +98,12 @@ class FrameStatistics:
     terminated_rays: int = 0
     tiles: int = 0
     pool_bytes: int = 0
+    chunks: int = 0
+    chunks_outside_view: int = 0
+    chunks_clipped: int = 0
+    triangles_drawn: int = 0
+    mesh_batches: int = 0
+    mesh_bytes: int = 0
 
 
 @dataclass(slots=True)
@@ -92,7 +112,7 @@ class _Frame:
 
     block: npt.NDArray[np.void]
     settings: RenderSettings
-    sides: tuple[float, ...]
+    passes: tuple[Pass, ...]
     curved: bool
     residuals: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
@@ -129,7 +149,10 @@ class ABuffer:
         self._programs = Programs(ctx)
         with self.timer.stage("upload"):
             self._device = DeviceScene(ctx, scene)
+        chunks = self._device.meshes.chunks
+        self._bounds = Bounds(chunks["low"].astype(np.float64), chunks["high"].astype(np.float64))
         self._pool = FragmentPool(ctx)
+        self._was_split = False
         self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
         self._query = ctx.query(samples=True)
         self._target: moderngl.Framebuffer | None = None
@@ -195,6 +218,8 @@ class ABuffer:
             if progress is not None:
                 progress(done, width * height)
         frame.statistics.pool_bytes = self._pool.size_bytes
+        uploads = self._device.meshes.uploads
+        frame.statistics.mesh_batches, frame.statistics.mesh_bytes = uploads.batches, uploads.largest_bytes
         with self.timer.stage("read back"):
             pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
         return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
@@ -238,8 +263,7 @@ class ABuffer:
         """
         width, height = check_size(size)
         self._make_targets(width, height)
-        frame = self._frame(camera, (width, height), settings)
-        frame.residuals = True
+        frame = self._frame(camera, (width, height), settings, residuals=True)
         start = head_start(camera.rays(width / height), self._geometry.box)
         for tile, _ in self._built_tiles(frame, width, height):
             yield decode_lists(tile, (width, height), self._pool.heads(tile), self._pool.nodes(), start=start)
@@ -248,22 +272,31 @@ class ABuffer:
 
     def _built_tiles(self, frame: _Frame, width: int, height: int) -> Iterator[tuple[Tile, int]]:
         """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
-        parts = strips(width, height, self._pool.max_pixels)
+        parts = [(tile, False) for tile in strips(width, height, self._pool.max_pixels)]
+        were_split = False
         while parts:
-            part = parts.pop(0)
-            smaller, rasterised = self._build_or_split(part, frame)
-            parts = smaller + parts
+            part, counted = parts.pop(0)
+            smaller, rasterised = self._build_or_split(part, frame, counted=counted)
+            parts = [(tile, True) for tile in smaller] + parts
+            were_split |= len(smaller) > 1
             if not smaller:
                 yield part, rasterised
+        self._was_split = were_split
 
-    def _build_or_split(self, tile: Tile, frame: _Frame) -> tuple[list[Tile], int]:
-        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit."""
+    def _build_or_split(self, tile: Tile, frame: _Frame, *, counted: bool) -> tuple[list[Tile], int]:
+        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit.
+
+        Where the last picture did not fit, this one probably does not either: its fragments are counted first
+        (unless `counted`), rather than built in vain.
+        """
         budget = frame.settings.fragment_budget_bytes
         if self._pool.is_empty:
             with self.timer.stage("measure"):
                 measured = self._measure(tile, frame)
             if not self._pool.grow(measured, budget):
                 return self._split(tile, frame), 0
+        elif self._was_split and not counted:
+            return self._split(tile, frame), 0
         counters, rasterised = self._build(tile, frame)
         asked = int(counters["node_count"])
         if rasterised == QUERY_SATURATED or asked > self._pool.capacity:
@@ -284,6 +317,7 @@ class ABuffer:
             self._draw("count.frag", "count.frag", tile, frame)
             self._ctx.memory_barrier()
             counts = self._pool.heads(tile)
+        self._pool.grow(int(counts.sum(dtype=np.int64)), frame.settings.fragment_budget_bytes)
         return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._pool.capacity)
 
     def _build(self, tile: Tile, frame: _Frame) -> tuple[np.void, int]:
@@ -308,8 +342,12 @@ class ABuffer:
         )
         masked = self._device.has_mask
         mask_program = self._programs.graphics("build_mask.vert", mask_fragment) if masked else None
+        passes = self._passes_of_tile(tile, frame)
+        budget = frame.settings.mesh_budget_bytes
         with self._query:
-            self._device.draw(program, mask_program, self._rasteriser, tile, frame.sides, curved=frame.curved)
+            self._device.draw(
+                program, mask_program, self._rasteriser, tile, passes, budget, curved=frame.curved
+            )
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
@@ -388,11 +426,53 @@ class ABuffer:
 
     # -- camera and memory ------------------------------------------------------------------------
 
-    def _frame(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> _Frame:
+    def _frame(
+        self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False
+    ) -> _Frame:
+        self._device.meshes.begin_picture(settings.mesh_budget_bytes)
+        if self._device.meshes.can_prepare(settings.mesh_budget_bytes):
+            with self.timer.stage("upload"):
+                self._device.meshes.prepare()
         block = frame_block(self._scene, camera, size, settings)
         curved = self._scene.smooth if settings.curved is None else settings.curved
-        return _Frame(
-            block=block, settings=settings, sides=self._sides(camera, size[0] / size[1]), curved=curved
+        frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
+        self._rule_out(frame, size, self._sides(camera, size[0] / size[1]))
+        return frame
+
+    def _rule_out(self, frame: _Frame, size: tuple[int, int], sides: tuple[float, ...]) -> None:
+        """Find the pieces that the picture needs, and count the others.
+
+        Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells
+        are masked, whose border is drawn in any case.
+        """
+        record = frame.block[0]
+        slack = slack_of(record)
+        view = tile_planes(record, Tile(0, 0, *size))
+        outline = None if frame.residuals or self._device.has_mask else outline_planes(record)
+        passes, beside = [], np.ones(len(self._bounds.low), dtype=bool)
+        for side in sides:
+            outside = ruled_out(self._bounds, view, side, slack)
+            beside &= outside
+            if outline is not None:
+                outside = outside | ruled_out(self._bounds, outline, side, slack)
+            passes.append(Pass(side, ~outside))
+        frame.passes = tuple(passes)
+        shown = np.any([one.shown for one in passes], axis=0)
+        counts = self._device.meshes.chunks["index_count"]
+        frame.statistics.chunks = len(shown)
+        frame.statistics.chunks_outside_view = int(beside.sum())
+        frame.statistics.chunks_clipped = int((~shown & ~beside).sum())
+        frame.statistics.triangles_drawn = int(counts[shown].sum()) // 3
+
+    def _passes_of_tile(self, tile: Tile, frame: _Frame) -> tuple[Pass, ...]:
+        """What a tile needs of the picture's pieces."""
+        width, height = frame.block[0]["image_size"].tolist()
+        if tile.pixel_count == width * height:
+            return frame.passes
+        planes, slack = tile_planes(frame.block[0], tile), slack_of(frame.block[0])
+        return tuple(
+            Pass(one.side, one.shown & ~ruled_out(self._bounds, planes, one.side, slack))
+            for one in frame.passes
         )
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:

@@ -12,6 +12,7 @@ from isosample.errors import CapacityError, InputError
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
+    from isosample.rendering.chunk_stream import Source
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.mask_faces import MaskFaces
     from isosample.surfaces.mesh import BrickMesh
@@ -26,6 +27,20 @@ LARGEST_LENGTH = 1e15  # [world]; its square, and that of its inverse, are float
 LARGEST_DEPTH = 1e25
 MASK_DTYPE = np.dtype([("start", "<f4", 3), ("face", "<i4"), ("values", "<f4", 4)])
 VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
+# One (level, brick): its triangles in the index buffer, its vertices in the vertex buffer, and the box around them
+# relative to the volume's centre [world].
+CHUNK_DTYPE = np.dtype(
+    [
+        ("level", "<u4"),
+        ("first_index", "<i8"),
+        ("index_count", "<i8"),
+        ("first_vertex", "<i8"),
+        ("vertex_count", "<i8"),
+        ("low", "<f4", 3),
+        ("high", "<f4", 3),
+        ("piece", "<i8"),  # place in the source that streams it
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +67,34 @@ class ValueScale:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LevelRange:
-    """Where one level's triangles stand in the index buffer."""
+    """Where one level's triangles stand in the index buffer.
+
+    Attributes
+    ----------
+    level : int
+    first_index, index_count : int
+    chunks : (C,) `CHUNK_DTYPE` or None
+        The level's pieces, one per brick, one after the other in the index buffer; what reaches beyond the range
+        is cut off. None: the level is one piece, and nothing is known of where it lies.
+    """
 
     level: int
     first_index: int
     index_count: int
+    chunks: npt.NDArray[np.void] | None = None
+
+    def pieces(self, vertex_count: int) -> npt.NDArray[np.void]:
+        """(C,) `CHUNK_DTYPE`, what of the level is drawn; of a scene with `vertex_count` vertices."""
+        stop = self.first_index + self.index_count
+        if self.chunks is None:
+            whole = np.zeros(1, dtype=CHUNK_DTYPE)
+            whole["first_index"], whole["index_count"] = self.first_index, self.index_count
+            whole["vertex_count"], whole["low"], whole["high"] = vertex_count, -np.inf, np.inf
+            whole["level"] = self.level
+            return whole
+        chunks = self.chunks.copy()
+        chunks["index_count"] = np.minimum(chunks["index_count"], stop - chunks["first_index"])
+        return chunks[chunks["index_count"] > 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,6 +127,9 @@ class Scene:
         Weights of the taps where `boundary` holds spline coefficients; see `GridSpline`.
     plan : IsovaluePlan
     reconstruction : Reconstruction
+    source : Source or None
+        What gives the pieces of the levels where `vertices`, `indices` and `residuals` are empty, because they
+        stay on disk.
     """
 
     geometry: GridGeometry
@@ -104,6 +145,7 @@ class Scene:
     face_kernel: F32 | None
     plan: IsovaluePlan
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    source: Source | None = None
 
     @property
     def smooth(self) -> bool:
@@ -113,7 +155,12 @@ class Scene:
     @property
     def triangle_count(self) -> int:
         """Triangles over all levels."""
-        return len(self.indices) // 3
+        return sum(part.index_count for part in self.levels) // 3
+
+    def chunks(self) -> npt.NDArray[np.void]:
+        """(C,) `CHUNK_DTYPE`, the pieces of all levels."""
+        pieces = [part.pieces(len(self.vertices)) for part in self.levels]
+        return np.concatenate([np.empty(0, dtype=CHUNK_DTYPE), *pieces])
 
     @classmethod
     def build(cls, surfaces: SurfaceSet, plan: IsovaluePlan) -> Scene:
@@ -131,7 +178,7 @@ class Scene:
         _check_magnitudes(surfaces.geometry.box.radius, plan)
         scale = ValueScale(*surfaces.value_range)
         by_isovalue: dict[float, list[BrickMesh]] = {}
-        for mesh in surfaces.meshes:
+        for mesh in (mesh for mesh in surfaces.meshes if len(mesh.triangles)):
             by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
         chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
         vertices, indices, levels = _merge(chosen, surfaces.geometry, scale)
@@ -231,17 +278,25 @@ def _merge(
         )
     vertices = np.empty(vertex_count, dtype=VERTEX_DTYPE)
     indices = np.empty(index_count, dtype=np.uint32)
-    gradient_scale = scale.inverse_width * geometry.box.radius
     levels = []
     v = i = 0
     for level, meshes in enumerate(by_level):
-        first = i
-        for mesh in meshes:
+        first, chunks = i, np.zeros(len(meshes), dtype=CHUNK_DTYPE)
+        for row, mesh in enumerate(meshes):
             stop_v, stop_i = v + len(mesh.positions), i + mesh.triangles.size
-            vertices["position"][v:stop_v] = mesh.vertices_world(geometry) - geometry.box.centre
-            vertices["gradient"][v:stop_v] = mesh.gradients_world(geometry) * gradient_scale
+            vertices[v:stop_v] = records = vertex_records(mesh, geometry, scale)
             indices[i:stop_i] = mesh.triangles.ravel().astype(np.uint32) + np.uint32(v)
+            bounds = records["position"].min(axis=0), records["position"].max(axis=0)
+            chunks[row] = (level, i, stop_i - i, v, stop_v - v, *bounds, -1)
             v, i = stop_v, stop_i
         if i > first:
-            levels.append(LevelRange(level=level, first_index=first, index_count=i - first))
+            levels.append(LevelRange(level=level, first_index=first, index_count=i - first, chunks=chunks))
     return vertices, indices, tuple(levels)
+
+
+def vertex_records(mesh: BrickMesh, geometry: GridGeometry, scale: ValueScale) -> npt.NDArray[np.void]:
+    """(V,) `VERTEX_DTYPE`, the vertices of one piece as the GPU takes them."""
+    records = np.empty(len(mesh.positions), dtype=VERTEX_DTYPE)
+    records["position"] = mesh.vertices_world(geometry) - geometry.box.centre
+    records["gradient"] = mesh.gradients_world(geometry) * (scale.inverse_width * geometry.box.radius)
+    return records

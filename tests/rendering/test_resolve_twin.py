@@ -154,6 +154,17 @@ def expected_picture(
     )
 
 
+def shows_something(
+    surfaces: SurfaceSet, camera: Camera, plane: tuple[float, float, float, float]
+) -> npt.NDArray[np.bool_]:
+    """Whether the plane leaves something of a pixel's way through the box."""
+    rays = camera.rays(SIZE[0] / SIZE[1]).origins_and_directions(*SIZE)
+    origins, directions = (part.reshape(-1, 3) for part in rays)
+    start, end = box_interval(surfaces.geometry.box, origins, directions)
+    start, end = clip_interval(start, end, origins, directions, [plane])
+    return start <= end
+
+
 def tolerance_of(camera: Camera, surfaces: SurfaceSet) -> float:
     """At most 30 segments, each with 8 roundings of distances up to the reach times extinctions up to 0.9, and of
     colours; and the quadrature.
@@ -198,9 +209,10 @@ def test_every_pixel_is_the_float64_integral_of_its_list(
     wrong = error > tolerance_of(camera, surfaces)
     assert wrong.mean() < 0.01, f"{wrong.sum()} pixels, {error.max()}"
     assert (expected.rgba[:, 3] > 0.1).mean() > 0.1
-    assert statistics.band_violations == expected.violations.sum()
-    assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced)
-    assert statistics.reordered_fragments == expected.reordered.sum()
+    seen = shows_something(surfaces, camera, plane)  # the GPU walks no other ray
+    assert statistics.band_violations == expected.violations[seen].sum()
+    assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced[seen])
+    assert statistics.reordered_fragments == expected.reordered[seen].sum()
     assert (statistics.reordered_fragments > 0) == (scene is rough_scene)
 
 
