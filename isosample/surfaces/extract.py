@@ -163,9 +163,10 @@ def extract_brick(
         Names the vertices, and tells how triangles are wound in world space.
     settings : ExtractionSettings
     """
+    mirrored = bool(np.linalg.det(volume.direction) < 0)
     found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
     return [
-        _brick_mesh(samples, isovalue, local, brick, volume, settings)
+        _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
         for isovalue, local in found
         if len(local.triangles)
     ]
@@ -176,32 +177,28 @@ def _brick_mesh(
     isovalue: float,
     local: LocalMesh,
     brick: Brick,
-    volume: Volume,
+    mirrored: bool,
     settings: ExtractionSettings,
 ) -> BrickMesh:
     """Return one isosurface in one brick, vertices named in the whole volume, wound for world space."""
-    z, y, x = np.unravel_index(local.samples, samples.values.shape)
-    size_x, size_y, size_z = volume.size_xyz
-    linear = (x + brick.start[0]) + size_x * ((y + brick.start[1]) + size_y * (z + brick.start[2]))
-    sample_count = size_x * size_y * size_z
-    keys = np.where(local.axes < 3, local.axes + 3 * linear, 3 * sample_count + linear)
-    named = NamedMesh(local.positions, local.gradients, keys.astype(np.int64), local.triangles)
+    positions, gradients, keys, triangles = local.positions, local.gradients, local.keys, local.triangles
     if samples.smooth or settings.rounds:
-        named = settle_centres(named, samples, isovalue, np.flatnonzero(local.axes == 3))
-    named = refined(named, samples, isovalue, settings.rounds)
-    gradients, error = named.gradients.astype(np.float32), None
-    residuals = np.zeros((len(named.positions), 2), dtype=np.float32)
+        named = NamedMesh(positions.astype(np.float64), gradients.astype(np.float64), keys, triangles)
+        inner = np.flatnonzero(keys >= 3 * samples.sample_count)
+        named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
+        positions, gradients = named.positions.astype(np.float32), named.gradients.astype(np.float32)
+        keys, triangles = named.keys, named.triangles
+    residuals, error = np.zeros((len(positions), 2), dtype=np.float32), None
     if settings.residuals:
-        residuals, error = measure(samples, isovalue, named.positions, gradients, named.triangles)
-    mirrored = np.linalg.det(volume.direction) < 0
+        residuals, error = measure(samples, isovalue, positions.astype(np.float64), gradients, triangles)
     return BrickMesh(
         isovalue=isovalue,
         brick=brick.index,
         start=brick.start,
-        positions=named.positions.astype(np.float32),
+        positions=positions,
         gradients=gradients,
-        edge_keys=named.keys,
-        triangles=np.ascontiguousarray(named.triangles[:, [0, 2, 1]]) if mirrored else named.triangles,
+        edge_keys=keys,
+        triangles=np.ascontiguousarray(triangles[:, [0, 2, 1]]) if mirrored else triangles,
         residuals=residuals,
         error=error,
     )
