@@ -15,8 +15,8 @@ from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering.culling import Bounds, outline_planes, ruled_out, slack_of, tile_planes
-from isosample.rendering.device_scene import DeviceScene, Pass
+from isosample.rendering.culling import Culling
+from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from isosample.rendering.camera import Camera
+    from isosample.rendering.culling import Pass
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
 
@@ -149,8 +150,7 @@ class ABuffer:
         self._programs = Programs(ctx)
         with self.timer.stage("upload"):
             self._device = DeviceScene(ctx, scene)
-        chunks = self._device.meshes.chunks
-        self._bounds = Bounds(chunks["low"].astype(np.float64), chunks["high"].astype(np.float64))
+        self._culling = Culling(self._device.meshes.chunks)
         self._pool = FragmentPool(ctx)
         self._was_split = False
         self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
@@ -342,7 +342,7 @@ class ABuffer:
         )
         masked = self._device.has_mask
         mask_program = self._programs.graphics("build_mask.vert", mask_fragment) if masked else None
-        passes = self._passes_of_tile(tile, frame)
+        passes = self._culling.tile(frame.block[0], tile, frame.passes)
         budget = frame.settings.mesh_budget_bytes
         with self._query:
             self._device.draw(
@@ -436,44 +436,16 @@ class ABuffer:
         block = frame_block(self._scene, camera, size, settings)
         curved = self._scene.smooth if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
-        self._rule_out(frame, size, self._sides(camera, size[0] / size[1]))
-        return frame
-
-    def _rule_out(self, frame: _Frame, size: tuple[int, int], sides: tuple[float, ...]) -> None:
-        """Find the pieces that the picture needs, and count the others.
-
-        Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells
-        are masked, whose border is drawn in any case.
-        """
-        record = frame.block[0]
-        slack = slack_of(record)
-        view = tile_planes(record, Tile(0, 0, *size))
-        outline = None if frame.residuals or self._device.has_mask else outline_planes(record)
-        passes, beside = [], np.ones(len(self._bounds.low), dtype=bool)
-        for side in sides:
-            outside = ruled_out(self._bounds, view, side, slack)
-            beside &= outside
-            if outline is not None:
-                outside = outside | ruled_out(self._bounds, outline, side, slack)
-            passes.append(Pass(side, ~outside))
-        frame.passes = tuple(passes)
-        shown = np.any([one.shown for one in passes], axis=0)
-        counts = self._device.meshes.chunks["index_count"]
-        frame.statistics.chunks = len(shown)
-        frame.statistics.chunks_outside_view = int(beside.sum())
-        frame.statistics.chunks_clipped = int((~shown & ~beside).sum())
-        frame.statistics.triangles_drawn = int(counts[shown].sum()) // 3
-
-    def _passes_of_tile(self, tile: Tile, frame: _Frame) -> tuple[Pass, ...]:
-        """What a tile needs of the picture's pieces."""
-        width, height = frame.block[0]["image_size"].tolist()
-        if tile.pixel_count == width * height:
-            return frame.passes
-        planes, slack = tile_planes(frame.block[0], tile), slack_of(frame.block[0])
-        return tuple(
-            Pass(one.side, one.shown & ~ruled_out(self._bounds, planes, one.side, slack))
-            for one in frame.passes
+        # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
+        # masked, whose border is drawn in any case.
+        found = self._culling.picture(
+            block[0], self._sides(camera, size[0] / size[1]), clip=not (residuals or self._device.has_mask)
         )
+        frame.passes = found.passes
+        statistics = frame.statistics
+        statistics.chunks, statistics.chunks_outside_view = found.pieces, found.outside_view
+        statistics.chunks_clipped, statistics.triangles_drawn = found.clipped, found.triangles
+        return frame
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

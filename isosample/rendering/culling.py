@@ -7,13 +7,12 @@ or where the clip planes leave nothing of the box along them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from isosample.rendering.tiles import Tile
+from isosample.rendering.tiles import Tile
 
 F64 = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -41,6 +40,95 @@ class Bounds(NamedTuple):
 
     low: F64
     high: F64
+
+
+class Pass(NamedTuple):
+    """One draw of the meshes.
+
+    Attributes
+    ----------
+    side : float
+        +1 for what is in front of the eye, −1 for what is behind it.
+    shown : (C,) bool
+        The pieces that it needs.
+    """
+
+    side: float
+    shown: Bool
+
+
+class CulledPicture(NamedTuple):
+    """What a picture needs of the pieces, and how many it does not.
+
+    Attributes
+    ----------
+    passes : tuple of Pass
+        One per side.
+    pieces, outside_view, clipped : int
+        All, those beside the picture, and of the others those along whose rays the clip planes leave nothing.
+    triangles : int
+        Of the pieces that are needed.
+    """
+
+    passes: tuple[Pass, ...]
+    pieces: int
+    outside_view: int
+    clipped: int
+    triangles: int
+
+
+class Culling:
+    """Rules out pieces of one scene, picture by picture and tile by tile.
+
+    Parameters
+    ----------
+    chunks : (C,) `CHUNK_DTYPE`
+    """
+
+    def __init__(self, chunks: npt.NDArray[np.void]) -> None:
+        self._bounds = Bounds(chunks["low"].astype(np.float64), chunks["high"].astype(np.float64))
+        self._triangles = chunks["index_count"] // 3
+
+    def picture(self, frame: np.void, sides: tuple[float, ...], *, clip: bool) -> CulledPicture:
+        """Find the pieces that a picture needs.
+
+        Parameters
+        ----------
+        frame : struct Frame
+        sides : tuple of float
+            See `Pass`.
+        clip : bool
+            Whether clip planes may rule out pieces.
+        """
+        slack = slack_of(frame)
+        width, height = frame["image_size"].tolist()
+        view = tile_planes(frame, Tile(0, 0, width, height))
+        outline = outline_planes(frame) if clip else None
+        passes, beside = [], np.ones(len(self._triangles), dtype=bool)
+        for side in sides:
+            outside = ruled_out(self._bounds, view, side, slack)
+            beside &= outside
+            if outline is not None:
+                outside = outside | ruled_out(self._bounds, outline, side, slack)
+            passes.append(Pass(side, ~outside))
+        shown = np.any([one.shown for one in passes], axis=0)
+        return CulledPicture(
+            passes=tuple(passes),
+            pieces=len(shown),
+            outside_view=int(beside.sum()),
+            clipped=int((~shown & ~beside).sum()),
+            triangles=int(self._triangles[shown].sum()),
+        )
+
+    def tile(self, frame: np.void, tile: Tile, passes: tuple[Pass, ...]) -> tuple[Pass, ...]:
+        """Find what a tile needs of the picture's pieces."""
+        width, height = frame["image_size"].tolist()
+        if tile.pixel_count == width * height:
+            return passes
+        planes, slack = tile_planes(frame, tile), slack_of(frame)
+        return tuple(
+            Pass(one.side, one.shown & ~ruled_out(self._bounds, planes, one.side, slack)) for one in passes
+        )
 
 
 def tile_planes(frame: np.void, tile: Tile) -> F64:

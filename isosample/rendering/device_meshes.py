@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError
-from isosample.rendering.chunk_stream import source_of
-from isosample.rendering.scene import VERTEX_DTYPE
+from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

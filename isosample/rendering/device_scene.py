@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,26 +18,12 @@ if TYPE_CHECKING:
 
     import moderngl
 
+    from isosample.rendering.culling import Pass
     from isosample.rendering.scene import Scene
     from isosample.rendering.tiles import Tile
 
 
 PADDING = {"start": "3x4", "face": "1x4", "values": "4x4"}  # of a member that a program does not read
-
-
-class Pass(NamedTuple):
-    """One draw of the meshes.
-
-    Attributes
-    ----------
-    side : float
-        +1 for what is in front of the eye, −1 for what is behind it.
-    shown : (C,) bool
-        The pieces that it needs.
-    """
-
-    side: float
-    shown: npt.NDArray[np.bool_]
 
 
 class DeviceScene:

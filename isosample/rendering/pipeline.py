@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from isosample.rendering.abuffer import FrameStatistics
     from isosample.rendering.error_map import ErrorMap
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
 
@@ -108,7 +109,7 @@ def render(
 
 
 def render_surfaces(
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     plan: IsovaluePlan,
     *,
     camera: Camera | None = None,
@@ -166,7 +167,11 @@ class Renderer:
     """
 
     def __init__(
-        self, surfaces: SurfaceSet, plan: IsovaluePlan, *, seconds: dict[str, float] | None = None
+        self,
+        surfaces: SurfaceSet | StoredSurfaces,
+        plan: IsovaluePlan,
+        *,
+        seconds: dict[str, float] | None = None,
     ) -> None:
         self._ctx = shared_context()
         self._surfaces = surfaces
@@ -231,7 +236,7 @@ class Renderer:
 
 def statistics_of(
     ctx: moderngl.Context,
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     scene: Scene,
     frame: FrameStatistics,
     size: tuple[int, int],

@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import CapacityError, InputError
+from isosample.errors import InputError
+from isosample.rendering.chunk_stream import CHUNK_DTYPE, StoredSource, merged, streamed
+from isosample.rendering.chunk_stream import VERTEX_DTYPE as VERTEX_DTYPE
+from isosample.rendering.chunk_stream import LevelRange as LevelRange
+from isosample.surfaces.stored_surfaces import StoredSurfaces
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from isosample.rendering.chunk_stream import Source
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.mask_faces import MaskFaces
-    from isosample.surfaces.mesh import BrickMesh
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import GridGeometry
 
@@ -26,21 +29,6 @@ U32 = npt.NDArray[np.uint32]
 LARGEST_LENGTH = 1e15  # [world]; its square, and that of its inverse, are float32 numbers
 LARGEST_DEPTH = 1e25
 MASK_DTYPE = np.dtype([("start", "<f4", 3), ("face", "<i4"), ("values", "<f4", 4)])
-VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
-# One (level, brick): its triangles in the index buffer, its vertices in the vertex buffer, and the box around them
-# relative to the volume's centre [world].
-CHUNK_DTYPE = np.dtype(
-    [
-        ("level", "<u4"),
-        ("first_index", "<i8"),
-        ("index_count", "<i8"),
-        ("first_vertex", "<i8"),
-        ("vertex_count", "<i8"),
-        ("low", "<f4", 3),
-        ("high", "<f4", 3),
-        ("piece", "<i8"),  # place in the source that streams it
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,38 +51,6 @@ class ValueScale:
         """Values (any shape) in data units, as float64 in units of the range."""
         scaled: F64 = (values.astype(np.float64) - self.low) * self.inverse_width
         return scaled
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LevelRange:
-    """Where one level's triangles stand in the index buffer.
-
-    Attributes
-    ----------
-    level : int
-    first_index, index_count : int
-    chunks : (C,) `CHUNK_DTYPE` or None
-        The level's pieces, one per brick, one after the other in the index buffer; what reaches beyond the range
-        is cut off. None: the level is one piece, and nothing is known of where it lies.
-    """
-
-    level: int
-    first_index: int
-    index_count: int
-    chunks: npt.NDArray[np.void] | None = None
-
-    def pieces(self, vertex_count: int) -> npt.NDArray[np.void]:
-        """(C,) `CHUNK_DTYPE`, what of the level is drawn; of a scene with `vertex_count` vertices."""
-        stop = self.first_index + self.index_count
-        if self.chunks is None:
-            whole = np.zeros(1, dtype=CHUNK_DTYPE)
-            whole["first_index"], whole["index_count"] = self.first_index, self.index_count
-            whole["vertex_count"], whole["low"], whole["high"] = vertex_count, -np.inf, np.inf
-            whole["level"] = self.level
-            return whole
-        chunks = self.chunks.copy()
-        chunks["index_count"] = np.minimum(chunks["index_count"], stop - chunks["first_index"])
-        return chunks[chunks["index_count"] > 0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -163,8 +119,8 @@ class Scene:
         return np.concatenate([np.empty(0, dtype=CHUNK_DTYPE), *pieces])
 
     @classmethod
-    def build(cls, surfaces: SurfaceSet, plan: IsovaluePlan) -> Scene:
-        """Scene of extracted surfaces and the plan they were extracted for.
+    def build(cls, surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> Scene:
+        """Scene of extracted surfaces and the plan they were extracted for; of stored ones, nothing is loaded yet.
 
         Raises
         ------
@@ -177,11 +133,12 @@ class Scene:
         rows = _rows_of_plan(surfaces, plan)
         _check_magnitudes(surfaces.geometry.box.radius, plan)
         scale = ValueScale(*surfaces.value_range)
-        by_isovalue: dict[float, list[BrickMesh]] = {}
-        for mesh in (mesh for mesh in surfaces.meshes if len(mesh.triangles)):
-            by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
-        chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
-        vertices, indices, levels = _merge(chosen, surfaces.geometry, scale)
+        if isinstance(surfaces, StoredSurfaces):
+            vertices, indices, residuals, levels = streamed(surfaces, rows)
+            source: Source | None = StoredSource(surfaces, scale)
+        else:
+            vertices, indices, residuals, levels = merged(surfaces, rows, scale)
+            source = None
         border = surfaces.boundary
         mask = None if border.mask_faces is None else _mask_records(border.mask_faces, scale)
         samples = [np.ravel(face) for face in border.faces] if mask is None else [np.zeros(0)]
@@ -196,14 +153,15 @@ class Scene:
             band_values=_band_values(plan, scale),
             band_optics=optics.astype(np.float32),
             level_optics=_level_optics(plan, scale),
-            residuals=_residuals(chosen, scale),
+            residuals=residuals,
             face_kernel=None if border.kernel is None else border.kernel.astype(np.float32),
             plan=plan,
             reconstruction=surfaces.settings.reconstruction,
+            source=source,
         )
 
 
-def _rows_of_plan(surfaces: SurfaceSet, plan: IsovaluePlan) -> npt.NDArray[np.intp]:
+def _rows_of_plan(surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> npt.NDArray[np.intp]:
     """Level of the surfaces for every isovalue of the plan; raise if one is missing."""
     rows = np.searchsorted(surfaces.isovalues, plan.isovalues)
     inside = np.minimum(rows, max(len(surfaces.isovalues) - 1, 0))
@@ -249,54 +207,10 @@ def _level_optics(plan: IsovaluePlan, scale: ValueScale) -> F32:
     return np.stack([impulses, sheets], axis=1).astype(np.float32)
 
 
-def _residuals(by_level: list[list[BrickMesh]], scale: ValueScale) -> F32:
-    """(V, 2) float32, normalised, in the order of the vertices."""
-    parts = [mesh.residuals for meshes in by_level for mesh in meshes]
-    found: F32 = np.concatenate([np.zeros((0, 2), dtype=np.float32), *parts])
-    return found * np.float32(scale.inverse_width)
-
-
 def _mask_records(faces: MaskFaces, scale: ValueScale) -> npt.NDArray[np.void]:
     """(F,) `MASK_DTYPE`, one instance per face; sample indices below 2^24 are exact in float32."""
     records = np.empty(len(faces.starts), dtype=MASK_DTYPE)
     records["start"] = faces.starts
     records["face"] = 2 * faces.axes.astype(np.int32) + (faces.outward > 0)
     records["values"] = scale.normalise(faces.values)
-    return records
-
-
-def _merge(
-    by_level: list[list[BrickMesh]], geometry: GridGeometry, scale: ValueScale
-) -> tuple[npt.NDArray[np.void], U32, tuple[LevelRange, ...]]:
-    """One vertex and one index array of all levels, and where each level stands in the latter."""
-    vertex_count = sum(len(mesh.positions) for meshes in by_level for mesh in meshes)
-    index_count = sum(mesh.triangles.size for meshes in by_level for mesh in meshes)
-    if vertex_count >= 2**32 or index_count >= 2**31:
-        raise CapacityError(
-            f"{vertex_count} vertices and {index_count // 3} triangles are more than one draw can name; "
-            "use fewer isovalues (--per-slope)."
-        )
-    vertices = np.empty(vertex_count, dtype=VERTEX_DTYPE)
-    indices = np.empty(index_count, dtype=np.uint32)
-    levels = []
-    v = i = 0
-    for level, meshes in enumerate(by_level):
-        first, chunks = i, np.zeros(len(meshes), dtype=CHUNK_DTYPE)
-        for row, mesh in enumerate(meshes):
-            stop_v, stop_i = v + len(mesh.positions), i + mesh.triangles.size
-            vertices[v:stop_v] = records = vertex_records(mesh, geometry, scale)
-            indices[i:stop_i] = mesh.triangles.ravel().astype(np.uint32) + np.uint32(v)
-            bounds = records["position"].min(axis=0), records["position"].max(axis=0)
-            chunks[row] = (level, i, stop_i - i, v, stop_v - v, *bounds, -1)
-            v, i = stop_v, stop_i
-        if i > first:
-            levels.append(LevelRange(level=level, first_index=first, index_count=i - first, chunks=chunks))
-    return vertices, indices, tuple(levels)
-
-
-def vertex_records(mesh: BrickMesh, geometry: GridGeometry, scale: ValueScale) -> npt.NDArray[np.void]:
-    """(V,) `VERTEX_DTYPE`, the vertices of one piece as the GPU takes them."""
-    records = np.empty(len(mesh.positions), dtype=VERTEX_DTYPE)
-    records["position"] = mesh.vertices_world(geometry) - geometry.box.centre
-    records["gradient"] = mesh.gradients_world(geometry) * (scale.inverse_width * geometry.box.radius)
     return records

@@ -19,6 +19,9 @@ from isosample.rendering.scene import Scene
 from isosample.rendering.settings import ClipPlane, RenderSettings
 from isosample.rendering.tiles import Tile
 from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.out_of_core import extract_into_store
+from isosample.surfaces.settings import ExtractionSettings
+from isosample.surfaces.store import MeshStore
 from isosample.transfer.control_points import Isosurface
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
@@ -26,12 +29,15 @@ from isosample.volume.grid import Volume
 from rendering.scenes import ramp_tf
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     import moderngl
 
     from isosample.rendering.abuffer import FrameStatistics, _Frame
 
 F64 = npt.NDArray[np.float64]
 SIZE = (53, 37)
+SMALL_BRICKS = ExtractionSettings(brick_cells=4)
 
 
 def waves(edge: int = 20) -> Volume:
@@ -212,6 +218,52 @@ def test_clip_planes_have_no_outline_where_the_eye_touches_what_they_leave() -> 
     found = outline_planes(frame_block(scene, away, SIZE, RenderSettings(clip_planes=(plane,)))[0])
     assert found is not None
     assert found.shape == (32, 4)
+
+
+@pytest.mark.parametrize("share", [None, 0.2])
+def test_stored_surfaces_show_the_same_picture_piece_by_piece(
+    gl: moderngl.Context, tmp_path: Path, share: float | None
+) -> None:
+    volume = waves()
+    low, high = volume.value_range
+    plan = plan_isovalues(ramp_tf(low, high, (0.0, 0.1)), volume.value_range, per_slope=3)
+    scene = Scene.build(extract_surfaces(volume, plan.isovalues, brick_cells=4), plan)
+    extra = np.unique(
+        [*plan.isovalues, 0.3 * low + 0.7 * high]
+    )  # the store may hold more than the plan asks for
+    stored = Scene.build(extract_into_store(volume, extra, MeshStore(tmp_path), settings=SMALL_BRICKS), plan)
+    whole = int(bytes_of(scene.chunks()).sum())
+    budget = 2 * whole if share is None else int(share * whole)
+    camera = Camera.orbit(volume.box, azimuth=30, elevation=20, zoom=2)
+    planes = (ClipPlane(1.0, 0.2, 0.0, -float(volume.box.centre @ [1.0, 0.2, 0.0])),)
+    settings = RenderSettings(mesh_budget_bytes=budget, clip_planes=planes)
+    with ABuffer(gl, scene) as in_memory, ABuffer(gl, stored) as on_disk:
+        expected, _ = in_memory.render(camera, SIZE, RenderSettings(clip_planes=planes))
+        rgba, statistics = on_disk.render(camera, SIZE, settings)
+        lists = on_disk.fragment_lists(camera, SIZE, settings)
+        all_lists = in_memory.fragment_lists(camera, SIZE, settings)
+    assert len(stored.vertices) == 0
+    assert stored.triangle_count == scene.triangle_count
+    assert np.array_equal(rgba, expected)
+    assert np.array_equal(lists.distances, all_lists.distances)
+    assert statistics.mesh_bytes <= budget
+    assert (statistics.mesh_batches == 1) == (share is None)
+
+
+def test_the_box_of_a_stored_piece_holds_its_vertices(tmp_path: Path) -> None:
+    volume = waves()
+    low, high = volume.value_range
+    plan = plan_isovalues(ramp_tf(low, high, (0.0, 0.1)), volume.value_range, per_slope=1)
+    scene = Scene.build(
+        extract_into_store(volume, plan.isovalues, MeshStore(tmp_path), settings=SMALL_BRICKS), plan
+    )
+    chunks = scene.chunks()
+    assert scene.source is not None
+    assert len(chunks) > 8
+    for chunk, piece in zip(chunks, scene.source.load(chunks), strict=True):
+        assert len(piece.vertices) == chunk["vertex_count"]
+        assert (piece.vertices["position"] >= chunk["low"]).all()
+        assert (piece.vertices["position"] <= chunk["high"]).all()
 
 
 @pytest.mark.parametrize("kind", ["outside", "inside"])
