@@ -78,15 +78,13 @@ def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
     zero along an axis on which neither neighbour is finite. The border of one sample makes the gradient at a
     sample the same in all bricks that hold it.
     """
-    padded = _padded_samples(volume, brick)
-    padded.setflags(write=False)
+    padded, all_finite = _padded_samples(volume, brick)
     usable: npt.NDArray[np.bool_] | None = None
-    if volume.array.dtype.kind == "f":
+    if not all_finite:
         finite = np.isfinite(padded[1:-1, 1:-1, 1:-1])
-        if not finite.all():
-            usable = finite[:-1] & finite[1:]
-            usable = usable[:, :-1] & usable[:, 1:]
-            usable = usable[:, :, :-1] & usable[:, :, 1:]
+        usable = finite[:-1] & finite[1:]
+        usable = usable[:, :-1] & usable[:, 1:]
+        usable = usable[:, :, :-1] & usable[:, :, 1:]
     return BrickSamples(
         padded=padded,
         usable_cells=usable,
@@ -101,8 +99,7 @@ def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
 
 def spline_brick(nodes: Volume, spline: GridSpline, brick: Brick) -> BrickSamples:
     """Return one brick of a smooth reconstruction, given also at the samples (`nodes`), all finite."""
-    padded = _padded_samples(nodes, brick)
-    padded.setflags(write=False)
+    padded, _ = _padded_samples(nodes, brick)
     return BrickSamples(
         padded=padded,
         usable_cells=None,
@@ -127,23 +124,25 @@ def gradients_at(brick: BrickSamples, positions: F64) -> F64:
     return round_gradients(found)
 
 
-def _padded_samples(volume: Volume, brick: Brick) -> F64:
-    """Brick samples with a border of one sample, float64; NaN outside the volume and where not finite."""
-    x, y, z = brick.size_xyz
-    padded = np.empty((z + 2, y + 2, x + 2))
+def _padded_samples(volume: Volume, brick: Brick) -> tuple[F64, bool]:
+    """Brick samples with a border of one sample, float64, and whether those that were read are finite.
+
+    NaN stands outside the volume and for samples that are not finite.
+    """
     source: list[slice] = []
-    for axis, array_axis in ((2, 0), (1, 1), (0, 2)):
+    inside: list[slice] = []
+    for axis in (2, 1, 0):
         first, last = brick.start[axis] - 1, brick.stop[axis] + 1
         low, high = max(first, 0), min(last, volume.size_xyz[axis] - 1)
         source.append(slice(low, high + 1))
-        outside = np.moveaxis(padded, array_axis, 0)
-        outside[: low - first] = np.nan
-        outside[high - first + 1 :] = np.nan
-    spans = zip(source, (2, 1, 0), strict=True)
-    z_span, y_span, x_span = (
-        slice(part.start - brick.start[axis] + 1, part.stop - brick.start[axis] + 1) for part, axis in spans
-    )
-    padded[z_span, y_span, x_span] = volume.array[source[0], source[1], source[2]]
-    if volume.array.dtype.kind == "f" and not np.isfinite(padded).all():
+        inside.append(slice(low - first, high - first + 1))
+    samples = volume.array[source[0], source[1], source[2]]
+    x, y, z = brick.size_xyz
+    shape = (z + 2, y + 2, x + 2)
+    padded = np.empty(shape) if samples.shape == shape else np.full(shape, np.nan)
+    padded[inside[0], inside[1], inside[2]] = samples
+    all_finite = bool(np.isfinite(samples.min()) and np.isfinite(samples.max()))  # NaN is carried through
+    if not all_finite:
         padded[np.isinf(padded)] = np.nan
-    return padded
+    padded.setflags(write=False)
+    return padded, all_finite

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, Volume
 
+SCANNED_TOGETHER = 32  # bricks whose ranges one thread looks for at a time
+
 
 def extract_surfaces(
     volume: Volume,
@@ -92,7 +94,7 @@ def extract_surfaces(
     spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
     nodes = _values_at_samples(volume, reconstruction, spline)
     bricks = bricks_of(volume.size_xyz, brick_cells)
-    active = _active_levels(brick_ranges(nodes, bricks), levels)
+    active = _active_levels(_ranges(nodes, bricks), levels)
     visits = [(bricks[row], levels[active[row]]) for row in np.flatnonzero(active.any(axis=1))]
     meshes: list[BrickMesh] = []
     for done, found in enumerate(_visit_bricks(nodes, spline, visits, settings), start=1):
@@ -222,8 +224,7 @@ def _visit_bricks(
 ) -> Iterator[list[BrickMesh]]:
     """Yield the meshes of every brick, in order, extracted by one thread per core.
 
-    numpy releases the interpreter's lock inside its loops: two threads on two free cores take 0.6 times as
-    long as one.
+    The kernels release the interpreter's lock.
     """
 
     def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
@@ -236,6 +237,13 @@ def _visit_bricks(
         yield from pool.map(visit, visits)
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
+    """(B, 2) float64, as `brick_ranges` gives, looked for by one thread per core."""
+    groups = [bricks[first : first + SCANNED_TOGETHER] for first in range(0, len(bricks), SCANNED_TOGETHER)]
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        return np.concatenate(list(pool.map(lambda group: brick_ranges(volume, group), groups)))
 
 
 def _active_levels(ranges: F64, levels: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

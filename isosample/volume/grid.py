@@ -244,13 +244,7 @@ class Volume:
         InputError
             If no sample is finite, or integers are so large that float64 no longer tells neighbours apart.
         """
-        low, high = np.inf, -np.inf
-        for block in self.blocks():
-            if self.array.dtype.kind == "f":
-                block = block[np.isfinite(block)]
-            if block.size:
-                low, high = min(low, float(block.min())), max(high, float(block.max()))
-        return self.checked_range(low, high)
+        return self.checked_range(*self._seen[:2])
 
     def checked_range(self, low: float, high: float) -> tuple[float, float]:
         """Return the range of the samples, or raise as `value_range` does."""
@@ -266,17 +260,30 @@ class Volume:
     @cached_property
     def nonfinite_counts(self) -> tuple[int, int]:
         """Number of NaN samples and number of infinite samples."""
-        if self.array.dtype.kind != "f":
-            return 0, 0
-        nan_count = infinity_count = 0
+        return self._seen[2:] if self.array.dtype.kind == "f" else (0, 0)
+
+    @cached_property
+    def _seen(self) -> tuple[float, float, int, int]:
+        """Smallest and largest finite sample, or (inf, -inf), and the number of NaN and infinite samples."""
+        low, high, nan_count, infinity_count = np.inf, -np.inf, 0, 0
         for block in self.blocks():
-            nan_count += int(np.count_nonzero(np.isnan(block)))
-            infinity_count += int(np.count_nonzero(np.isinf(block)))
-        return nan_count, infinity_count
+            ends = np.array([block.min(), block.max()], dtype=np.float64)  # these carry NaN through
+            if not np.isfinite(ends).all():
+                nan_count += int(np.count_nonzero(np.isnan(block)))
+                infinity_count += int(np.count_nonzero(np.isinf(block)))
+                finite = block[np.isfinite(block)]
+                ends = np.array([finite.min(initial=np.inf), finite.max(initial=-np.inf)], dtype=np.float64)
+            low, high = min(low, float(ends[0])), max(high, float(ends[1]))
+        return low, high, nan_count, infinity_count
 
     def in_index_frame(self) -> Volume:
         """Return the same samples in the volume's own axes: spacing kept, origin and direction dropped."""
         return Volume(self.array, spacing=self.spacing, name=self.name)
+
+    @property
+    def stays_in_file(self) -> bool:
+        """Whether the samples are read when they are sliced; false also for a memory-mapped array."""
+        return isinstance(self.array, LazySamples)
 
     def in_memory(self) -> Volume:
         """Return the same volume with its samples in memory, in their own type; memory-mapped ones stay mapped."""
