@@ -151,7 +151,7 @@ def encode(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
     from isosample.surfaces import chunk_kernels as kernels
 
     vertex_count, triangle_count = len(mesh.positions), len(mesh.triangles)
-    _check_positions(mesh)
+    _check_mesh(mesh)
     size = (
         np.ones(3, dtype=np.int64) if vertex_count == 0 else mesh.positions.max(axis=0).astype(np.int64) + 1
     )
@@ -238,14 +238,14 @@ def decode(data: bytes, *, name: bytes | None = None) -> BrickMesh:
     header = _Header.read(data)
     if name is not None and header.name != name:
         raise CacheError(f"it is named {header.name.hex()}, expected {name.hex()}.")
+    frame = memoryview(data)[_HEAD_BYTES:]
     try:
-        content = _tools().decompressor.decompress(
-            memoryview(data)[_HEAD_BYTES:], max_output_size=header.content_bytes
-        )
+        size_bytes = zstandard.frame_content_size(frame)  # before so much is allocated
+        content = _tools().decompressor.decompress(frame) if size_bytes == header.content_bytes else b""
     except zstandard.ZstdError as error:
         raise CacheError(f"its content does not match its checksum ({error}).") from error
     if len(content) != header.content_bytes:
-        raise CacheError(f"its content has {len(content)} bytes, expected {header.content_bytes}.")
+        raise CacheError(f"its content has {size_bytes} bytes, expected {header.content_bytes}.")
     reader = _Reader(content)
     count, size = header.vertex_count, np.array(header.size, dtype=np.int64)
     slots = np.empty(count, np.int64)
@@ -292,9 +292,11 @@ class _Reader:
         return self.take(count * width)
 
 
-def _check_positions(mesh: BrickMesh) -> None:
+def _check_mesh(mesh: BrickMesh) -> None:
     if len(mesh.positions) and not (mesh.positions.min() >= 0.0 and mesh.positions.max() < 1024.0):
         raise InputError("positions outside 0 to 1024 voxels of a brick's start cannot be kept.")
+    if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.positions):
+        raise InputError(f"a triangle has a corner that is none of the {len(mesh.positions)} vertices.")
 
 
 def _planes(values: I64, width: int = 0) -> tuple[int, U8]:
@@ -372,7 +374,7 @@ def _residuals(header: _Header, reader: _Reader) -> F32:
         return np.zeros((count, 2), dtype=np.float32)
     bits: npt.NDArray[np.uint32]
     if header.residuals == _PACKED:
-        bits = _from_bytes(reader, 2 * count, np.uint16).astype(np.uint32) << 15
+        bits = _from_bytes(reader, 2 * count, np.uint16).astype(np.uint32) << np.uint32(15)
     else:
         bits = _from_bytes(reader, 2 * count, np.uint32)
     return np.ascontiguousarray(bits.view(np.float32).reshape(2, count).T)
@@ -383,12 +385,21 @@ def _triangle_planes(triangles: I32, slots: I64, size: I64) -> tuple[int, int, U
     from isosample.surfaces import chunk_kernels as kernels
 
     cells, codes = np.empty(len(triangles), np.int64), np.empty(len(triangles), np.int64)
-    if kernels.cell_codes(triangles, slots, size, cells, codes):
+    if kernels.cell_codes(triangles, slots, size, cells, codes) and _all_different(slots, size):
         width, planes = _planes(cells)
         return _PACKED, width, np.concatenate([planes, _planes(codes, 2)[1]])
     steps = np.empty((len(triangles), 3), np.int64)
     kernels.corner_steps(triangles, steps)
     return (_RAW, *_planes(steps))
+
+
+def _all_different(slots: I64, size: I64) -> bool:
+    """Tell whether every vertex has a slot of its own that names it."""
+    room, numbers = _tools().room(4 * int(size.prod())), np.arange(len(slots), dtype=np.int32)
+    if slots.size and slots.max() >= len(room):
+        return False
+    room[slots] = numbers
+    return bool((room[slots] == numbers).all())
 
 
 def _triangles(header: _Header, reader: _Reader, slots: I64, size: I64) -> I32:

@@ -327,6 +327,8 @@ def restore_triangles(
     """
     count = len(slots)
     for i in range(count):
+        if slots[i] < 0 or slots[i] >= len(vertex_of_slot):
+            return False
         vertex_of_slot[slots[i]] = i
     last = 0
     for t in range(len(cells)):

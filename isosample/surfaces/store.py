@@ -8,6 +8,7 @@ given, the chunks that were used longest ago make room. A chunk's time of change
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import time
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,6 +29,7 @@ CHUNK_FOLDER = "chunks"
 CHUNK_SUFFIX = ".chunk"
 TOUCH_SECONDS = 60.0  # a chunk whose last use is noted as more recent is not noted again
 STALE_SECONDS = 3600.0  # a temporary file as old as that was left by a process that was killed
+FULL = (errno.ENOSPC, errno.EDQUOT)
 PRUNE_TO = 0.9  # of the budget: so that not every new chunk makes the store look through the folder
 
 
@@ -178,7 +180,10 @@ class MeshStore:
         if self.read_only:
             raise CacheError(f"{self.folder} was opened for reading only; nothing can be added to it.")
         data = encode(mesh, name=bytes.fromhex(key))
-        with replacing(self.path(key), error_class=CacheError, make_folder=True) as file:
+        with (
+            full_disk_explained(),
+            replacing(self.path(key), error_class=CacheError, make_folder=True) as file,
+        ):
             file.write(data)
         self.written += 1
         self._used.add(key)
@@ -276,6 +281,22 @@ class MeshStore:
             with contextlib.suppress(OSError):
                 if time.time() - path.stat().st_mtime > STALE_SECONDS:
                     path.unlink()
+
+
+@contextlib.contextmanager
+def full_disk_explained() -> Iterator[None]:
+    """Tell in a `CacheError` about a full disk what to do."""
+    try:
+        yield
+    except CacheError as error:
+        cause = error.__cause__
+        if isinstance(cause, OSError) and cause.errno in FULL:
+            what = str(error).removesuffix(" Choose another path.")
+            raise CacheError(
+                f"{what} Make room (`isosample cache prune`) and run the same command again: it goes on from here, "
+                "for all that was extracted before is kept."
+            ) from cause
+        raise
 
 
 def remove(path: Path) -> None:
