@@ -3,4 +3,4 @@
 DEFAULT_SIZE = (800, 800)  # width, height [pixel]
 DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")
-MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj")
+MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj", ".vtp")
