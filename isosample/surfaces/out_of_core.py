@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from isosample.errors import InputError
+from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import load_brick
 from isosample.surfaces.chunk_table import ChunkTable, chunk_row
 from isosample.surfaces.extract import extract_brick
-from isosample.surfaces.known_chunks import KnownChunks
 from isosample.surfaces.memory import DEFAULT_MEMORY, Gate, MemoryPlan
 from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import chunk_key
 from isosample.surfaces.stored_surfaces import StoredSurfaces
+from isosample.surfaces.surface_files import read_rows, surface_key, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics
 from isosample.volume.bricks import bricks_of
 from isosample.volume.scan import scan_volume
 from isosample.volume.windows import HALO, brick_windows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from isosample.volume.scan import BrickScan
 
 # What one brick takes while it is extracted, at most: a checkerboard has 3 vertices and 4 triangles per cell, a vertex
-# takes 104 bytes in the kernel's and the mesh's arrays together, a triangle 24.
-MESH_BYTES_PER_CELL = 3 * 104 + 4 * 24
+# takes 64 bytes in the kernel's and the mesh's arrays together, a triangle 12; measured: 172 bytes per cell and level.
+MESH_BYTES_PER_CELL = 3 * 64 + 4 * 12
 SAMPLE_BYTES = 80  # per sample of a brick: padded, differentiated, and the kernel's own arrays
 
 
@@ -49,6 +49,33 @@ class Job(NamedTuple):
     row: int
     isovalues: F64
     keys: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceLists:
+    """Lists of the pieces of complete surfaces in a cache folder.
+
+    Attributes
+    ----------
+    folder : Path
+    content_hash : str
+        Of the volume.
+    """
+
+    folder: Path
+    content_hash: str
+
+    def read(self, isovalue: float, settings: ExtractionSettings) -> Rows | None:
+        """Return the rows of a surface, None where it is not listed, or its list is damaged or outdated."""
+        key = surface_key(self.content_hash, isovalue, settings)
+        try:
+            return read_rows(self.folder, key, isovalue)[0]
+        except CacheError:
+            return None  # a list only saves time: the store itself tells what it has
+
+    def write(self, isovalue: float, settings: ExtractionSettings, rows: Rows) -> None:
+        """List a surface; raises `CacheError` if the file cannot be written."""
+        write_rows(self.folder, surface_key(self.content_hash, isovalue, settings), rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +94,7 @@ def extract_into_store(
     settings: ExtractionSettings | None = None,
     memory: int = DEFAULT_MEMORY,
     scan: BrickScan | None = None,
-    known: Path | None = None,
+    lists: SurfaceLists | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> StoredSurfaces:
     """Extract the pieces of isosurfaces that a store lacks, with a memory budget.
@@ -87,9 +114,9 @@ def extract_into_store(
         Bytes that the whole process may take at its peak.
     scan : BrickScan, optional
         Of this volume with ``settings.brick_cells``; None: it is made.
-    known : path, optional
-        File that remembers which surfaces are complete in the store and the sizes of their pieces, so that they
-        need not be loaded to know.
+    lists : SurfaceLists, optional
+        Files that list the pieces of the surfaces that are complete in the store, so that these need not be loaded
+        to know their sizes; new surfaces are added to them.
     progress : callable, optional
         Called with (pieces done, pieces to do) after every brick that is extracted.
 
@@ -114,13 +141,15 @@ def extract_into_store(
     check_volume(volume, settings)
     bricks = bricks_of(volume.size_xyz, settings.brick_cells)
     jobs = _jobs(volume, scan, levels, settings)
-    remembered = KnownChunks.read(known) if known is not None else KnownChunks.nothing()
-    found, missing = _divide(store, jobs, remembered)
+    listed = {} if lists is None else {value: lists.read(value, settings) for value in levels.tolist()}
+    found, missing = _divide(store, jobs, listed)
     new = _extract(volume, bricks, missing, _Place(store=store, settings=settings), plan, progress)
     table = ChunkTable.of(levels, [*found, *new])
-    if known is not None:
-        remembered.with_(table).write(known)
     lacking = {value for job in missing for value in job.isovalues.tolist()}
+    if lists is not None:
+        for value in levels.tolist():
+            if value in lacking or listed[value] is None:
+                lists.write(value, settings, table.rows[table.rows["isovalue"] == value])
     extracted = sum(len(job.keys) for job in missing)
     wanted = sum(len(job.keys) for job in jobs)
     return StoredSurfaces(
@@ -168,16 +197,21 @@ def _jobs(volume: Volume, scan: BrickScan, levels: F64, settings: ExtractionSett
     return jobs
 
 
-def _divide(store: ChunkStore, jobs: Sequence[Job], known: KnownChunks) -> tuple[list[Rows], list[Job]]:
-    """Rows of the pieces that the store has, and jobs for the others; what is not remembered is loaded to know."""
+def _divide(
+    store: ChunkStore, jobs: Sequence[Job], listed: Mapping[float, Rows | None]
+) -> tuple[list[Rows], list[Job]]:
+    """Rows of the pieces that the store has, and jobs for the others; what is not listed is loaded to know."""
+    complete = {value for value, rows in listed.items() if rows is not None}
+    all_rows = [rows for rows in listed.values() if rows is not None]
+    by_key = {bytes(row["key"]): row.reshape(1) for rows in all_rows for row in rows}
 
     def look(job: Job) -> tuple[list[Rows], Job | None]:
         rows: list[Rows] = []
         lacking = []
         for place, (isovalue, key) in enumerate(zip(job.isovalues.tolist(), job.keys, strict=True)):
-            row = known.row(key) if known.complete(isovalue) else None
-            if row is not None and (len(row) == 0 or store.has(key)):
-                rows.append(row)
+            row = by_key.get(key.encode())
+            if isovalue in complete and (row is None or store.has(key)):  # what is not in the list is empty
+                rows += [] if row is None else [row]
                 continue
             mesh = store.get(key) if store.has(key) else None
             if mesh is None:

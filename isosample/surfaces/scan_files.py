@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.errors import CacheError
-from isosample.surfaces.cache_files import read_arrays, write_arrays
+from isosample.surfaces.cache_files import Arrays, read_arrays, write_arrays
 from isosample.volume.scan import BrickScan
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def write_scan(folder: Path, identity: str, scan: BrickScan) -> None:
     CacheError
         If the file cannot be written.
     """
-    arrays = {
+    arrays: Arrays = {
         "ranges": scan.ranges,
         "digests": scan.digests,
         "nonfinite": np.array(scan.nonfinite_counts, dtype=np.int64),
