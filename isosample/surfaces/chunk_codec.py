@@ -32,10 +32,11 @@ N = TypeVar("N", bound=np.generic)
 CHUNK_VERSION = 3
 NO_NAME = b"\0" * 32
 COMPRESSION_LEVEL = 3
+USUAL_SAMPLES = 33  # along each axis of a brick
 _MAGIC = b"isochunk"
 _ERROR_NAMES = tuple(field.name for field in fields(MeshError))
 _ERRORS = len(_ERROR_NAMES)
-_HEADER = struct.Struct("<8sH7B32sd3i3i4q3H6I")
+_HEADER = struct.Struct("<8sH7B32sd3i3i4q3H9I")
 _CHECK = struct.Struct("<I")
 _HEAD_BYTES = _HEADER.size + _CHECK.size
 _RAW, _PACKED, _ABSENT = 0, 1, 2  # how gradients, residuals and triangles are stored
@@ -63,6 +64,9 @@ class _Header(NamedTuple):
     triangle_count: int
     fraction_count: int
     key_count: int
+    slot_escapes: int
+    exponent_escapes: int
+    step_escapes: int
     content_bytes: int
     frame_bytes: int
 
@@ -152,9 +156,9 @@ def encode(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
 
     vertex_count, triangle_count = len(mesh.positions), len(mesh.triangles)
     _check_mesh(mesh)
-    size = (
-        np.ones(3, dtype=np.int64) if vertex_count == 0 else mesh.positions.max(axis=0).astype(np.int64) + 1
-    )
+    size = np.full(3, USUAL_SAMPLES, dtype=np.int64)
+    if vertex_count:
+        size = np.maximum(size, mesh.positions.max(axis=0).astype(np.int64) + 1)
     lattice = np.zeros(4, dtype=np.int64)
     kernels.find_lattice(mesh.positions, mesh.edge_keys, lattice)
     slots, fractions = np.empty(vertex_count, np.int64), np.empty(3 * vertex_count, np.int64)
@@ -166,13 +170,13 @@ def encode(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
         )
     slot_steps = np.empty_like(slots)
     kernels.differences(slots, slot_steps)
-    slot_width, slot_planes = _planes(slot_steps)
-    gradient_mode, exponent_width, gradient_planes = _gradient_planes(mesh.gradients)
+    slot_width, slot_escapes, slot_planes = _steps(slot_steps)
+    gradient_mode, exponent_width, exponent_escapes, gradient_planes = _gradient_planes(mesh.gradients)
     residual_mode, residual_planes = _residual_planes(mesh.residuals)
-    triangle_mode, step_width, triangle_planes = _triangle_planes(mesh.triangles, slots, size)
+    triangle_mode, step_width, step_escapes, triangle_planes = _triangle_planes(mesh.triangles, slots, size)
     sections = [
         slot_planes,
-        _planes(fractions[:used], 3)[1],
+        _planes(fractions[:used], 3),
         gradient_planes,
         residual_planes,
         _byte_planes(mesh.edge_keys[slots >= kernels.EXPLICIT * int(size.prod())]),
@@ -181,27 +185,30 @@ def encode(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
     ]
     frame, content_bytes = _compressed(sections)
     header = _Header(
-        _MAGIC,
-        CHUNK_VERSION,
-        gradient_mode,
-        residual_mode,
-        triangle_mode,
-        int(mesh.error is not None),
-        slot_width,
-        exponent_width,
-        step_width,
-        name,
-        mesh.isovalue,
-        mesh.brick,
-        mesh.start,
-        tuple(lattice.tolist()),
-        tuple(size.tolist()),
-        vertex_count,
-        triangle_count,
-        used,
-        explicit,
-        content_bytes,
-        len(frame),
+        magic=_MAGIC,
+        version=CHUNK_VERSION,
+        gradients=gradient_mode,
+        residuals=residual_mode,
+        triangles=triangle_mode,
+        has_error=int(mesh.error is not None),
+        slot_width=slot_width,
+        exponent_width=exponent_width,
+        step_width=step_width,
+        name=name,
+        isovalue=mesh.isovalue,
+        brick=mesh.brick,
+        start=mesh.start,
+        lattice=tuple(lattice.tolist()),
+        size=tuple(size.tolist()),
+        vertex_count=vertex_count,
+        triangle_count=triangle_count,
+        fraction_count=used,
+        key_count=explicit,
+        slot_escapes=slot_escapes,
+        exponent_escapes=exponent_escapes,
+        step_escapes=step_escapes,
+        content_bytes=content_bytes,
+        frame_bytes=len(frame),
     )
     return header.packed() + frame
 
@@ -248,18 +255,21 @@ def decode(data: bytes, *, name: bytes | None = None) -> BrickMesh:
         raise CacheError(f"its content has {size_bytes} bytes, expected {header.content_bytes}.")
     reader = _Reader(content)
     count, size = header.vertex_count, np.array(header.size, dtype=np.int64)
-    slots = np.empty(count, np.int64)
-    kernels.read_steps(reader.planes(count, header.slot_width), header.slot_width, slots)
-    fractions = np.empty(header.fraction_count, np.int64)
-    kernels.read_planes(reader.planes(header.fraction_count, 3), 3, fractions)
-    positions, keys = np.empty((count, 3), np.float32), np.empty(count, np.int64)
+    slots = reader.skip(count * header.slot_width + 4 * header.slot_escapes)
+    fractions = reader.skip(3 * header.fraction_count)
     gradients = _gradients(header, reader)
     residuals = _residuals(header, reader)
-    explicit = _from_bytes(reader, header.key_count, np.int64)
-    kernels.place_vertices(
-        slots, fractions, np.array(header.lattice, dtype=np.int64), size, explicit, positions, keys
+    explicit = reader.skip(8 * header.key_count)
+    positions, keys = np.empty((count, 3), np.float32), np.empty(count, np.int64)
+    room = _tools().room(4 * int(size.prod()))
+    plan = np.array(
+        (slots, fractions, explicit, header.slot_width, header.fraction_count, header.key_count),
+        dtype=np.int64,
     )
-    triangles = _triangles(header, reader, slots, size)
+    lattice = np.array(header.lattice, dtype=np.int64)
+    if not kernels.restore_vertices(reader.content, plan, lattice, size, room, positions, keys):
+        raise CacheError("its vertices do not fit together.")
+    triangles = _triangles(header, reader, room)
     measured = None
     if header.has_error:
         figures = struct.unpack(f"<{_ERRORS}d", reader.take(8 * _ERRORS).tobytes())
@@ -284,12 +294,17 @@ class _Reader:
         self.content = np.frombuffer(content, dtype=np.uint8)
         self.at = 0
 
-    def take(self, count: int) -> U8:
+    def skip(self, count: int) -> int:
+        """Return where a section begins, and go behind it."""
         self.at += count
-        return self.content[self.at - count : self.at]
+        if self.at > len(self.content):
+            raise CacheError(f"its content has {len(self.content)} bytes, fewer than its header says.")
+        return self.at - count
 
-    def planes(self, count: int, width: int) -> U8:
-        return self.take(count * width)
+    def take(self, count: int) -> U8:
+        """Return a section, and go behind it."""
+        start = self.skip(count)
+        return self.content[start : start + count]
 
 
 def _check_mesh(mesh: BrickMesh) -> None:
@@ -299,16 +314,23 @@ def _check_mesh(mesh: BrickMesh) -> None:
         raise InputError(f"a triangle has a corner that is none of the {len(mesh.positions)} vertices.")
 
 
-def _planes(values: I64, width: int = 0) -> tuple[int, U8]:
-    """Return the bytes of numbers >= 0 by rank, as many ranks as they need, and how many that are."""
+def _planes(values: I64, width: int) -> U8:
+    """Return the bytes of numbers >= 0 by rank, as many ranks as are asked for."""
     from isosample.surfaces import chunk_kernels as kernels
 
-    if not width:
-        largest = int(values.max()) if values.size else 0
-        width = max(1, (largest.bit_length() + 7) // 8)
     out = np.empty(width * values.size, dtype=np.uint8)
     kernels.write_planes(values.reshape(-1), width, out)
-    return width, out
+    return out
+
+
+def _steps(values: I64) -> tuple[int, int, U8]:
+    """Return differences in one or two bytes each: how many, and of how many the bytes follow behind all others."""
+    escapes = values[values >= 255]
+    width = 1
+    if 8 * escapes.size > values.size:
+        escapes, width = values[values >= 65535], 2
+    planes = _planes(np.minimum(values, (1 << 8 * width) - 1), width)
+    return width, escapes.size, np.concatenate([planes, escapes.astype("<u4").view(np.uint8)])
 
 
 def _byte_planes(values: npt.NDArray[np.generic]) -> U8:
@@ -323,15 +345,15 @@ def _from_bytes(reader: _Reader, count: int, dtype: type[N]) -> npt.NDArray[N]:
     return np.ascontiguousarray(reader.take(count * width).reshape(width, count).T).reshape(-1).view(dtype)
 
 
-def _gradient_planes(gradients: F32) -> tuple[int, int, U8]:
-    """Return how gradients are stored, the bytes per exponent, and all bytes."""
+def _gradient_planes(gradients: F32) -> tuple[int, int, int, U8]:
+    """Return how gradients are stored, the bytes per exponent, how many exponents need more, and all bytes."""
     from isosample.surfaces import chunk_kernels as kernels
 
     exponents, mantissas = np.empty(len(gradients), np.int64), np.empty((3, len(gradients)), np.int64)
     if not kernels.gradient_mantissas(gradients, exponents, mantissas):
-        return _RAW, 1, _byte_planes(gradients)
-    width, planes = _planes(exponents)
-    return _PACKED, width, np.concatenate([planes, _planes(mantissas, 2)[1]])
+        return _RAW, 1, 0, _byte_planes(gradients)
+    width, escapes, planes = _steps(exponents)
+    return _PACKED, width, escapes, np.concatenate([planes, _planes(mantissas, 2)])
 
 
 def _gradients(header: _Header, reader: _Reader) -> F32:
@@ -341,11 +363,13 @@ def _gradients(header: _Header, reader: _Reader) -> F32:
     count = header.vertex_count
     if header.gradients == _RAW:
         return _from_bytes(reader, 3 * count, np.float32).reshape(count, 3)
-    exponents, mantissas = np.empty(count, np.int64), np.empty((3, count), np.int64)
-    kernels.read_planes(reader.planes(count, header.exponent_width), header.exponent_width, exponents)
-    kernels.read_planes(reader.planes(3 * count, 2), 2, mantissas.reshape(-1))
+    exponents = reader.skip(count * header.exponent_width + 4 * header.exponent_escapes)
+    mantissas = reader.skip(6 * count)
     gradients = np.empty((count, 3), dtype=np.float32)
-    kernels.restore_gradients(exponents, mantissas, _powers(), gradients)
+    if not kernels.restore_gradients(
+        reader.content, exponents, header.exponent_width, mantissas, _powers(), gradients
+    ):
+        raise CacheError("a gradient of it is no float32.")
     return gradients
 
 
@@ -380,17 +404,17 @@ def _residuals(header: _Header, reader: _Reader) -> F32:
     return np.ascontiguousarray(bits.view(np.float32).reshape(2, count).T)
 
 
-def _triangle_planes(triangles: I32, slots: I64, size: I64) -> tuple[int, int, U8]:
-    """Return how triangles are stored, the bytes per step, and all bytes."""
+def _triangle_planes(triangles: I32, slots: I64, size: I64) -> tuple[int, int, int, U8]:
+    """Return how triangles are stored, the bytes per step, how many steps need more, and all bytes."""
     from isosample.surfaces import chunk_kernels as kernels
 
     cells, codes = np.empty(len(triangles), np.int64), np.empty(len(triangles), np.int64)
     if kernels.cell_codes(triangles, slots, size, cells, codes) and _all_different(slots, size):
-        width, planes = _planes(cells)
-        return _PACKED, width, np.concatenate([planes, _planes(codes, 2)[1]])
+        width, escapes, planes = _steps(cells)
+        return _PACKED, width, escapes, np.concatenate([planes, _planes(codes, 2)])
     steps = np.empty((len(triangles), 3), np.int64)
     kernels.corner_steps(triangles, steps)
-    return (_RAW, *_planes(steps))
+    return (_RAW, *_steps(steps.reshape(-1)))
 
 
 def _all_different(slots: I64, size: I64) -> bool:
@@ -402,36 +426,42 @@ def _all_different(slots: I64, size: I64) -> bool:
     return bool((room[slots] == numbers).all())
 
 
-def _triangles(header: _Header, reader: _Reader, slots: I64, size: I64) -> I32:
-    """Undo `_triangle_planes`."""
+def _triangles(header: _Header, reader: _Reader, room: I32) -> I32:
+    """Undo `_triangle_planes`; `room` holds the vertex of each slot."""
     from isosample.surfaces import chunk_kernels as kernels
 
     count, width = header.triangle_count, header.step_width
     triangles = np.empty((count, 3), dtype=np.int32)
     if header.triangles == _RAW:
         corners = np.empty(3 * count, np.int64)
-        kernels.read_steps(reader.planes(3 * count, width), width, corners)
+        steps = reader.skip(3 * count * width + 4 * header.step_escapes)
+        kernels.restore_steps(reader.content, steps, width, corners)
         triangles.reshape(-1)[:] = corners
         return triangles
-    cells, codes = np.empty(count, np.int64), np.empty(count, np.int64)
-    kernels.read_planes(reader.planes(count, width), width, cells)
-    kernels.read_planes(reader.planes(count, 2), 2, codes)
-    room = _tools().room(4 * int(size.prod()))
-    if not kernels.restore_triangles(cells, codes, slots, room, _edge_offsets(header.size), triangles):
+    cells = reader.skip(count * width + 4 * header.step_escapes)
+    codes = reader.skip(2 * count)
+    table = _corner_table(header.size)
+    if not kernels.restore_triangles(
+        reader.content, cells, width, codes, header.vertex_count, room, table, triangles
+    ):
         raise CacheError("a triangle of it has a corner that is no vertex.")
     return triangles
 
 
-@functools.lru_cache(maxsize=64)
-def _edge_offsets(size: tuple[int, ...]) -> I64:
-    """(13,) int64, slot of each of a cell's edges, and of its inside, relative to the cell."""
+@functools.lru_cache(maxsize=16)
+def _corner_table(size: tuple[int, ...]) -> I32:
+    """(13³, 3) int32, slots of the corners of a triple of edge numbers, relative to the cell."""
+    from isosample.surfaces.chunk_kernels import EDGE_NUMBERS
+
     samples = size[0] * size[1] * size[2]
     steps = (1, size[0], size[0] * size[1])
     offsets = []
     for axis in range(3):
         first, second = (steps[other] for other in range(3) if other != axis)
         offsets += [axis * samples + a * first + b * second for b in (0, 1) for a in (0, 1)]
-    return np.array([*offsets, 3 * samples], dtype=np.int64)
+    codes = np.arange(EDGE_NUMBERS**3)
+    numbers = np.stack([codes // EDGE_NUMBERS**corner % EDGE_NUMBERS for corner in range(3)], axis=1)
+    return np.array([*offsets, 3 * samples], dtype=np.int32)[numbers]
 
 
 def _compressed(sections: list[U8]) -> tuple[bytes, int]:
