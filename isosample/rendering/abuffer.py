@@ -16,10 +16,11 @@ from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.culling import Culling
-from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.device_scene import DeviceScene, residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
+from isosample.rendering.frame_statistics import FrameStatistics as FrameStatistics
 from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
@@ -45,66 +46,6 @@ SEGMENT_RULES = {
     SegmentRule.CUBIC: 3,
 }
 LONGEST_LIST = 10_000  # about 6 loop iterations per node in one shader call stay below llvmpipe's 65535
-
-
-@dataclass(slots=True)
-class FrameStatistics:
-    """What one picture cost.
-
-    Attributes
-    ----------
-    fragments : int
-        Crossings found in the lists.
-    lost_fragments : int
-        Rasterised by an independent count but not in the lists: 0, since otherwise there is no picture.
-    max_depth_complexity : int
-        Longest list.
-    band_violations : int
-        Rays whose crossings do not add up, by the crossings and ends that do not fit: some were lost, and put in
-        between.
-    reordered_fragments : int
-        Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
-    unrepaired_pixels : int
-        Pixels with a lost crossing whose place nothing tells: it was put in by a guess.
-    saturated_segments : int
-        Segments whose first-order opacity was above 1 and was taken as 1.
-    terminated_rays : int
-        Rays that ended behind an opaque front.
-    tiles : int
-        Parts in which the picture was rendered.
-    pool_bytes : int
-        Memory of the fragment pool.
-    chunks : int
-        Pieces of the meshes, (isovalue, brick).
-    chunks_outside_view : int
-        Pieces that were not drawn because they lie beside the picture (or behind the eye, where that is outside
-        of the box).
-    chunks_clipped : int
-        Pieces that were not drawn because the clip planes leave nothing visible along all rays that meet them.
-    triangles_drawn : int
-        Of the other pieces.
-    mesh_batches : int
-        Uploads of meshes for this picture.
-    mesh_bytes : int
-        Most memory of meshes on the GPU at once.
-    """
-
-    fragments: int = 0
-    lost_fragments: int = 0
-    max_depth_complexity: int = 0
-    band_violations: int = 0
-    reordered_fragments: int = 0
-    unrepaired_pixels: int = 0
-    saturated_segments: int = 0
-    terminated_rays: int = 0
-    tiles: int = 0
-    pool_bytes: int = 0
-    chunks: int = 0
-    chunks_outside_view: int = 0
-    chunks_clipped: int = 0
-    triangles_drawn: int = 0
-    mesh_batches: int = 0
-    mesh_bytes: int = 0
 
 
 @dataclass(slots=True)
@@ -429,10 +370,6 @@ class ABuffer:
     def _frame(
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False
     ) -> _Frame:
-        self._device.meshes.begin_picture(settings.mesh_budget_bytes)
-        if self._device.meshes.can_prepare(settings.mesh_budget_bytes):
-            with self.timer.stage("upload"):
-                self._device.meshes.prepare()
         block = frame_block(self._scene, camera, size, settings)
         curved = self._scene.smooth if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
@@ -445,7 +382,18 @@ class ABuffer:
         statistics = frame.statistics
         statistics.chunks, statistics.chunks_outside_view = found.pieces, found.outside_view
         statistics.chunks_clipped, statistics.triangles_drawn = found.clipped, found.triangles
+        self._upload(frame)
         return frame
+
+    def _upload(self, frame: _Frame) -> None:
+        """Put the meshes of a picture on the GPU, if they fit; else every pass uploads them in batches."""
+        meshes, budget = self._device.meshes, frame.settings.mesh_budget_bytes
+        meshes.begin_picture(budget)
+        residual = residual_column(frame.curved) if frame.residuals else None
+        rows = meshes.missing(np.any([one.shown for one in frame.passes], axis=0), budget, residual)
+        if len(rows):
+            with self.timer.stage("upload"):
+                meshes.upload(rows, residual)
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

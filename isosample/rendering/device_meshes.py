@@ -62,13 +62,24 @@ class DeviceMeshes:
             self.release()
         self.uploads = Uploads(largest_bytes=0 if self._resident is None else self._resident.bytes)
 
-    def can_prepare(self, budget_bytes: int) -> bool:
-        """Whether everything is within the budget and not on the GPU yet."""
-        return self._fits(self.chunks, None, budget_bytes) and not self._holds_everything()
+    def missing(self, needed: Bool, budget_bytes: int, residual: int | None) -> I64:
+        """Rows to upload before a picture is drawn, so that all its passes find them; none if they do not fit.
 
-    def prepare(self) -> None:
-        """Upload everything."""
-        self._replace(np.arange(len(self.chunks)), None)
+        All rows of a scene in memory, so that the next picture finds them too; of one in a store those that this
+        picture needs.
+
+        Parameters
+        ----------
+        needed, budget_bytes, residual
+            As for `batches`.
+        """
+        wanted = np.ones_like(needed) if self._scene.source is None else needed
+        if not self._fits(wanted, residual, budget_bytes):
+            wanted = needed
+        rows = np.flatnonzero(wanted)
+        if not self._fits(wanted, residual, budget_bytes) or not (wanted & ~self._held(residual)).any():
+            return rows[:0]
+        return rows
 
     def batches(self, needed: Bool, budget_bytes: int, residual: int | None) -> Iterator[Batch]:
         """Yield the needed pieces, as many at a time as the budget allows; a batch is valid until the next.
@@ -86,25 +97,11 @@ class DeviceMeshes:
         CapacityError
             If one piece alone exceeds the budget.
         """
-        everything = np.arange(len(self.chunks))
-        if self._fits(self.chunks, residual, budget_bytes):
-            if not (self._holds_everything() and self._resident_has(residual)):
-                self._replace(everything, residual)
-            assert self._resident is not None
-            yield self._resident
-            return
-        rows = everything[needed]
-        if (
-            self._resident is not None
-            and self._resident_has(residual)
-            and self._resident.bytes <= budget_bytes
-        ):
-            yield self._resident  # what the last pass left here needs no upload
-            rows = np.setdiff1d(rows, self._resident.rows, assume_unique=True)
-        for part in self._parts(rows, residual, budget_bytes):
-            self._replace(part, residual)
-            assert self._resident is not None
-            yield self._resident
+        held = self._held(residual)
+        if self._resident is not None and (needed & held).any():
+            yield self._resident  # what is here already needs no upload
+        for part in self._parts(np.flatnonzero(needed & ~held), residual, budget_bytes):
+            yield self.upload(part, residual)
 
     def release(self) -> None:
         """Free every buffer."""
@@ -112,16 +109,29 @@ class DeviceMeshes:
             self._resident.release()
         self._resident = None
 
-    def _fits(self, chunks: npt.NDArray[np.void], residual: int | None, budget_bytes: int) -> bool:
+    def upload(self, rows: I64, residual: int | None) -> Batch:
+        """Put pieces on the GPU, after what is there was freed."""
+        self.release()
+        size = int(bytes_of(self.chunks[rows], residual).sum())
+        whole = len(rows) == len(self.chunks) and self._scene.source is None
+        upload = self._upload_arrays if whole else self._upload_pieces
+        self._resident = upload(rows, residual, size)
+        self.uploads.batches += 1
+        self.uploads.bytes += size
+        self.uploads.largest_bytes = max(self.uploads.largest_bytes, size)
+        return self._resident
+
+    def _fits(self, wanted: Bool, residual: int | None, budget_bytes: int) -> bool:
+        chunks = self.chunks[wanted]
         indices = int(chunks["index_count"].sum())
         return int(bytes_of(chunks, residual).sum()) <= budget_bytes and indices <= LARGEST_DRAW
 
-    def _holds_everything(self) -> bool:
-        return self._resident is not None and len(self._resident.rows) == len(self.chunks)
-
-    def _resident_has(self, residual: int | None) -> bool:
-        assert self._resident is not None
-        return residual is None or self._resident.residual == residual
+    def _held(self, residual: int | None) -> Bool:
+        """(C,) whether a piece is on the GPU, with that column of the residuals."""
+        held = np.zeros(len(self.chunks), dtype=bool)
+        if self._resident is not None and residual in (None, self._resident.residual):
+            held[self._resident.rows] = True
+        return held
 
     def _parts(self, rows: I64, residual: int | None, budget_bytes: int) -> Iterator[I64]:
         """Cut rows into runs that fit the budget."""
@@ -140,19 +150,6 @@ class DeviceMeshes:
             held, named = held + size, named + count
         if len(rows) > first:
             yield rows[first:]
-
-    def _replace(self, rows: I64, residual: int | None) -> None:
-        """Put other pieces on the GPU, after what is there was freed."""
-        self.release()
-        whole = len(rows) == len(self.chunks) and self._scene.source is None
-        size = int(bytes_of(self.chunks[rows], residual).sum())
-        if whole:
-            self._resident = self._upload_arrays(rows, residual, size)
-        else:
-            self._resident = self._upload_pieces(rows, residual, size)
-        self.uploads.batches += 1
-        self.uploads.bytes += size
-        self.uploads.largest_bytes = max(self.uploads.largest_bytes, size)
 
     def _upload_arrays(self, rows: I64, residual: int | None, size: int) -> Batch:
         """All arrays of the scene as they are."""

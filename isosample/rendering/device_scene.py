@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import drawing_into, limits
-from isosample.rendering.device_meshes import DeviceMeshes
+from isosample.rendering.device_meshes import CURVED, FLAT, DeviceMeshes
 from isosample.rendering.frame import shared_constants, storage_dtype
 from isosample.rendering.programs import storage_bindings
 
@@ -97,7 +97,7 @@ class DeviceScene:
         CapacityError
             If one piece alone exceeds the budget.
         """
-        residual = int(curved) if "residual" in program else None
+        residual = residual_column(curved) if "residual" in program else None
         needed = np.any([one.shown for one in passes], axis=0)
         target.scissor = (tile.x, tile.y, tile.width, tile.height)
         with drawing_into(self._ctx, target):
@@ -129,6 +129,11 @@ class DeviceScene:
             layout = " ".join(form if name in program else PADDING[name] for name, form in named.items())
             self._mask_arrays[key] = self._ctx.vertex_array(program, [(self._mask, f"{layout} /i", *used)])
         return self._mask_arrays[key]
+
+
+def residual_column(curved: bool) -> int:
+    """Column of the residuals that belongs to curved or flat triangles."""
+    return CURVED if curved else FLAT
 
 
 def _check_tables(scene: Scene, block_bytes: int, renderer: str) -> None:

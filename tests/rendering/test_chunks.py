@@ -250,6 +250,25 @@ def test_stored_surfaces_show_the_same_picture_piece_by_piece(
     assert (statistics.mesh_batches == 1) == (share is None)
 
 
+def test_a_picture_loads_what_it_needs_of_a_store_once(gl: moderngl.Context, tmp_path: Path) -> None:
+    volume = waves()
+    low, high = volume.value_range
+    plan = plan_isovalues(ramp_tf(low, high, (0.0, 0.1)), volume.value_range, per_slope=1)
+    store = MeshStore(tmp_path)
+    scene = Scene.build(extract_into_store(volume, plan.isovalues, store, settings=SMALL_BRICKS), plan)
+    near = Camera.orbit(volume.box, azimuth=30, elevation=20, zoom=6)
+    with ABuffer(gl, scene) as abuffer:
+        _, first = abuffer.render(near, SIZE, RenderSettings())
+        _, again = abuffer.render(near, SIZE, RenderSettings())
+        _, fitting = abuffer.render(Camera.orbit(volume.box), SIZE, RenderSettings())
+        _, near_again = abuffer.render(near, SIZE, RenderSettings())
+    whole = int(bytes_of(scene.chunks()).sum())
+    assert (first.mesh_batches, again.mesh_batches) == (1, 0)
+    assert first.mesh_bytes == again.mesh_bytes < 0.7 * whole
+    assert (fitting.mesh_batches, fitting.mesh_bytes) == (1, whole)
+    assert near_again.mesh_batches == 0
+
+
 def test_the_box_of_a_stored_piece_holds_its_vertices(tmp_path: Path) -> None:
     volume = waves()
     low, high = volume.value_range
