@@ -196,6 +196,8 @@ def sort_by_level(
     centre_count : int
         Vertices inside cells, of all levels.
     """
+    ambiguous_faces, case_of, faces = table.ambiguous_faces, table.case_of, table.faces
+    triangle_start, centre_edges = table.triangle_start, table.centre_edges
     centre_count = 0
     for n in range(len(cells)):
         cell = cells[n]
@@ -207,15 +209,15 @@ def sort_by_level(
         for k in range(lows[n], highs[n]):
             signs = (a > k) | (b > k) << 1 | (c > k) << 2 | (d > k) << 3
             signs |= (e > k) << 4 | (f > k) << 5 | (g > k) << 6 | (h > k) << 7
-            ambiguous = table.ambiguous_faces[signs]
+            ambiguous = ambiguous_faces[signs]
             decisions = 0
             if ambiguous:
-                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, table.faces)
-            case = table.case_of[signs, decisions]
+                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, faces)
+            case = case_of[signs, decisions]
             pairs[following[k]] = cell | np.int32(case) << CASE_SHIFT
             following[k] += 1
-            triangle_counts[k] += table.triangle_start[case + 1] - table.triangle_start[case]
-            centre_count += table.centre_edges[case] != 0
+            triangle_counts[k] += triangle_start[case + 1] - triangle_start[case]
+            centre_count += centre_edges[case] != 0
     return centre_count
 
 
@@ -247,8 +249,8 @@ def put_gradient(gradients: F32, vertex: int, gx: float, gy: float, gz: float) -
     """Store a gradient rounded to a shared exponent; `positions.round_gradients` is its twin."""
     bits = np.float64(max(abs(gx), max(abs(gy), abs(gz)))).view(np.int64)
     exponent = max(int(bits >> 52) - 1022, SMALLEST_EXPONENT)
-    steps = np.int64((MANTISSA_BITS - exponent + 1023) << 52).view(np.float64)
-    step = 1.0 / steps
+    steps = np.int64((1023 + MANTISSA_BITS - exponent) << 52).view(np.float64)
+    step = np.int64((1023 - MANTISSA_BITS + exponent) << 52).view(np.float64)
     gradients[vertex, 0] = mantissa_of(gx * steps) * step + 0.0
     gradients[vertex, 1] = mantissa_of(gy * steps) * step + 0.0
     gradients[vertex, 2] = mantissa_of(gz * steps) * step + 0.0
@@ -367,6 +369,8 @@ def emit(
     slots need never be cleared: vertices are numbered upwards, so that a slot that holds a lower number than the
     first vertex of its layer of cells is an old one.
     """
+    lower_corner, edge_count, edges = table.lower_corner, table.edge_count, table.edges
+    centre_edges, triangle_start, rows = table.centre_edges, table.triangle_start, table.triangles
     inner_keys = 3 * size[0] * size[1] * size[2]
     vertex, triangle = int(vertex_start[0]), 0
     for level in range(len(levels)):
@@ -383,21 +387,21 @@ def emit(
                 near_start = layer_start if z == layer + 1 else vertex
                 layer, layer_start = z, vertex
                 for edge in range(12):
-                    corner = table.lower_corner[edge]
+                    corner = lower_corner[edge]
                     axis, dz = edge >> 2, corner >> 2
                     which = 4 if axis == 2 else 2 * (z + dz & 1) + axis
                     of_edge[0, edge] = which * plane + (corner >> 1 & 1) * row + (corner & 1)
                     of_edge[1, edge] = near_start if axis < 2 and dz == 0 else layer_start
             across = y * row + x
             first = across + row + 1 + (z + 1) * plane
-            for m in range(table.edge_count[case]):
-                edge = int(table.edges[case, m])
+            for m in range(edge_count[case]):
+                edge = int(edges[case, m])
                 slot = of_edge[0, edge] + across
                 found = slots[slot]
                 if found < of_edge[1, edge]:
                     found = vertex
                     slots[slot] = vertex
-                    lower = int(table.lower_corner[edge])
+                    lower = int(lower_corner[edge])
                     place = corner_index(first, row, plane, lower)
                     i, j, k = x + (lower & 1), y + (lower >> 1 & 1), z + (lower >> 2)
                     axis = edge >> 2
@@ -408,16 +412,16 @@ def emit(
                     keys[vertex] = axis + 3 * sample
                     vertex += 1
                 vertices[edge] = found
-            around = int(table.centre_edges[case])
+            around = int(centre_edges[case])
             if around:
                 put_centre_vertex(around, vertices, (x, y, z), vertex, positions, gradients)
                 sample = (x + start[0]) + size[0] * ((y + start[1]) + size[1] * (z + start[2]))
                 keys[vertex] = inner_keys + sample
                 vertices[12] = vertex
                 vertex += 1
-            for r in range(table.triangle_start[case], table.triangle_start[case + 1]):
-                triangles[triangle, 0] = vertices[table.triangles[r, 0]] - level_start
-                triangles[triangle, 1] = vertices[table.triangles[r, 1]] - level_start
-                triangles[triangle, 2] = vertices[table.triangles[r, 2]] - level_start
+            for r in range(triangle_start[case], triangle_start[case + 1]):
+                triangles[triangle, 0] = vertices[rows[r, 0]] - level_start
+                triangles[triangle, 1] = vertices[rows[r, 1]] - level_start
+                triangles[triangle, 2] = vertices[rows[r, 2]] - level_start
                 triangle += 1
     vertex_start[len(levels)] = vertex
