@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalues import IsovaluePlan
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Volume
+    from isosample.volume.grid import F64, Volume
 
 VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "dataset", "frame")
 CACHE_FILES = ("volume.json", "scene.json")
@@ -263,7 +263,7 @@ def scene_from_cache(
     CacheError
         If the folder is damaged, of another version, or lacks a scene or an isovalue.
     """
-    from isosample.surfaces.cache import load_surface_set
+    from isosample.surfaces.cache import open_surface_set
     from isosample.surfaces.settings import ExtractionSettings
 
     start = time.perf_counter()
@@ -273,13 +273,13 @@ def scene_from_cache(
     if own is not None and given is None and per_slope is None:
         surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
         if surfaces.settings != settings:
-            surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
+            surfaces = _surfaces_of(folder, plan.isovalues, settings)
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
-        value_range = own.surfaces.value_range if own else load_surface_set(folder, ()).value_range
+        value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
         plan = plan_for(tf, value_range, per_slope, gradients)
-        surfaces = load_surface_set(folder, plan.isovalues, **vars_of(settings))
+        surfaces = _surfaces_of(folder, plan.isovalues, settings)
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -295,7 +295,21 @@ def _scene_of(folder: Path) -> CachedScene | OpenedScene:
     from isosample.surfaces.cache import load_cache, open_cache
 
     opened = open_cache(folder)
-    return opened if opened.surfaces.chunk_table["bytes"].sum() > LARGEST_IN_MEMORY else load_cache(folder)
+    return opened if _are_many(opened.surfaces) else load_cache(folder)
+
+
+def _surfaces_of(
+    folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+) -> SurfaceSet | StoredSurfaces:
+    """Return surfaces of a cache folder, which stay there where they are too many."""
+    from isosample.surfaces.cache import load_surface_set, open_surface_set
+
+    opened = open_surface_set(folder, isovalues, settings)
+    return opened if _are_many(opened) else load_surface_set(folder, isovalues, **vars_of(settings))
+
+
+def _are_many(surfaces: StoredSurfaces) -> bool:
+    return int(surfaces.chunk_table["bytes"].sum()) > LARGEST_IN_MEMORY
 
 
 def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -> SurfaceSet:

@@ -199,7 +199,7 @@ def load_surface_set(
     refine: int = 1,
     residuals: bool = False,
 ) -> SurfaceSet:
-    """Return surfaces of a cache folder, which were extracted with the same settings.
+    """Return surfaces of a cache folder, which were extracted with the same settings, all in memory.
 
     Raises
     ------
@@ -208,7 +208,6 @@ def load_surface_set(
     CacheError
         As `load_cache`; also if a surface is not there (names the isovalue).
     """
-    folder = Path(folder)
     settings = ExtractionSettings(
         brick_cells=brick_cells,
         nan_masked=nan_masked,
@@ -216,8 +215,15 @@ def load_surface_set(
         refine=refine,
         residuals=residuals,
     )
-    levels = check_isovalues(isovalues)
-    return _in_memory(_open_surfaces(folder, _read_volume(folder), levels, settings, {}))
+    return _in_memory(open_surface_set(folder, isovalues, settings))
+
+
+def open_surface_set(
+    folder: str | Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+) -> StoredSurfaces:
+    """Return surfaces of a cache folder, loaded when they are asked for; raises as `load_surface_set`."""
+    folder = Path(folder)
+    return _open_surfaces(folder, _read_volume(folder), check_isovalues(isovalues), settings, {})
 
 
 def extract_with_cache(

@@ -92,11 +92,13 @@ def test_meshes_that_stay_in_their_folder_give_the_bits_of_those_in_memory(
     assert run(f"render meshes -o memory.npy {view}").status == 0
     monkeypatch.setattr("isosample.cli.sources.LARGEST_IN_MEMORY", 0)
     monkeypatch.setattr("isosample.surfaces.cache.load_cache", None)  # would load them all
-    outcome = run(f"render meshes -o stored.npy {view}")
-    assert outcome.status == 0, outcome.err
+    monkeypatch.setattr("isosample.surfaces.cache.load_surface_set", None)
     picture = np.load("memory.npy")
     assert picture[..., 3].max() > 0.5
-    assert (folder / "memory.npy").read_bytes() == (folder / "stored.npy").read_bytes()
+    for options in ("", "--tf tf.json"):  # the scene as it is, and surfaces chosen from it
+        outcome = run(f"render meshes -o stored.npy {view} {options}")
+        assert outcome.status == 0, outcome.err
+        assert (folder / "memory.npy").read_bytes() == (folder / "stored.npy").read_bytes()
 
 
 @pytest.mark.parametrize("size", ["0GiB", "-1GiB", "much", "2", "2 apples", "99999999TiB", "GiB"])
