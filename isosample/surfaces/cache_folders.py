@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from isosample.surfaces.chunk_table import Rows
+
 
 class FolderSummary(NamedTuple):
     """What a cache folder holds.
@@ -118,23 +120,24 @@ def verify_folder(folder: Path) -> list[DamagedChunk]:
         except CacheError as error:
             damaged.append(DamagedChunk(path, str(error)))
     store = MeshStore(folder, read_only=True)
-    lists = sorted(folder.glob("surfaces/*.npz"))
-    for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *lists]):
+    for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
         try:
             arrays, _ = read_arrays(path, {})
         except CacheError as error:
             damaged.append(DamagedChunk(path, str(error)))
             continue
-        rows = arrays.get("rows")
-        if path.parent.name != "surfaces" or rows is None or rows.dtype != CHUNK_ROW:
-            continue
-        missing = [key for key in rows["key"].tolist() if not store.has(key.decode())]
-        if missing:
-            reason = (
-                f"{len(missing)} of its {len(rows)} chunks are missing, for instance {missing[0].decode()}."
-            )
-            damaged.append(DamagedChunk(path, reason))
+        if path.parent.name == "surfaces":
+            damaged += _missing_chunks(path, arrays["rows"].view(CHUNK_ROW), store)
     return [*damaged, *store.verify().damaged]
+
+
+def _missing_chunks(path: Path, rows: Rows, store: MeshStore) -> list[DamagedChunk]:
+    """Return a list of chunks with what is missing of it, or nothing."""
+    missing = [key.decode() for key in rows["key"].tolist() if not store.has(key.decode())]
+    if not missing:
+        return []
+    reason = f"{len(missing)} of its {len(rows)} chunks are missing, for instance {missing[0]}."
+    return [DamagedChunk(path, reason)]
 
 
 def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool = False) -> list[FolderPruned]:

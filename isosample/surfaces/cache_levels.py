@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     Bool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
+GROUP = 16  # chunks that a thread loads in a row
 NO_WRITING = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
@@ -147,9 +148,14 @@ def wanted_pieces(folder: Path, field: Field, levels: F64) -> tuple[list[Piece],
 
 def load_pieces(store: MeshStore, keys: Sequence[str]) -> list[BrickMesh | None]:
     """Return the chunks of a store, None where one is missing or damaged; decoded by one thread per core."""
-    workers = min(os.cpu_count() or 1, max(1, len(keys)))
+    workers = os.cpu_count() or 1
+    group = max(
+        1, min(GROUP, len(keys) // workers)
+    )  # handing a thread one chunk costs as much as a small chunk
+    groups = [keys[first : first + group] for first in range(0, len(keys), group)]
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        return list(pool.map(store.get, keys, chunksize=1))
+        found = pool.map(lambda part: [store.get(key) for key in part], groups)
+        return [mesh for part in found for mesh in part]
 
 
 def extract_pieces(

@@ -461,7 +461,8 @@ def _corner_table(size: tuple[int, ...]) -> I32:
         offsets += [axis * samples + a * first + b * second for b in (0, 1) for a in (0, 1)]
     codes = np.arange(EDGE_NUMBERS**3)
     numbers = np.stack([codes // EDGE_NUMBERS**corner % EDGE_NUMBERS for corner in range(3)], axis=1)
-    return np.array([*offsets, 3 * samples], dtype=np.int32)[numbers]
+    table: I32 = np.array([*offsets, 3 * samples], dtype=np.int32)[numbers]
+    return table
 
 
 def _compressed(sections: list[U8]) -> tuple[bytes, int]:

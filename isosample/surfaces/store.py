@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import threading
 import time
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -130,6 +131,7 @@ class MeshStore:
         self.read_only = read_only
         self.hits = self.misses = self.written = self.damaged = self.evicted = 0
         self.notes: list[str] = []
+        self._lock = threading.Lock()  # of the counts, and of making room
         self._used: set[str] = set()
         self._bytes: int | None = None  # of all chunks, as far as this store knows
 
@@ -148,23 +150,24 @@ class MeshStore:
         read-only, so that whoever extracts it again can put it in its place.
         """
         path = self.path(key)
+        self._used.add(key)
         try:
             with path.open("rb") as file:
                 data = file.read()
                 used = os.fstat(file.fileno()).st_mtime
             mesh = decode(data, name=bytes.fromhex(key))
         except FileNotFoundError:
-            self.misses += 1
+            with self._lock:
+                self.misses += 1
             return None
         except (OSError, CacheError) as error:
             self._give_up(path, error)
             return None
-        self.hits += 1
-        if not self.read_only:
-            self._used.add(key)
-            if time.time() - used > TOUCH_SECONDS:
-                with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
-                    os.utime(path)
+        with self._lock:
+            self.hits += 1
+        if not self.read_only and time.time() - used > TOUCH_SECONDS:
+            with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
+                os.utime(path)
         return mesh
 
     def put(self, key: str, mesh: BrickMesh) -> None:
@@ -180,24 +183,29 @@ class MeshStore:
         if self.read_only:
             raise CacheError(f"{self.folder} was opened for reading only; nothing can be added to it.")
         data = encode(mesh, name=bytes.fromhex(key))
+        self._used.add(key)  # before it is there: another thread may be making room
         with (
             full_disk_explained(),
             replacing(self.path(key), error_class=CacheError, make_folder=True) as file,
         ):
             file.write(data)
-        self.written += 1
-        self._used.add(key)
-        if self.budget_bytes is None:
-            return
+        with self._lock:
+            self.written += 1
+            if self.budget_bytes is not None:
+                self._keep_to_budget(self.budget_bytes, len(data))
+
+    def _keep_to_budget(self, budget_bytes: int, added: int) -> None:
+        """Make room where the chunks have outgrown the budget; the lock is held."""
         if self._bytes is None:
             self._bytes = sum(chunk.size_bytes for chunk in self.chunks())
         else:
-            self._bytes += len(data)
-        if self._bytes > self.budget_bytes:
-            removed = self.prune(int(PRUNE_TO * self.budget_bytes), keep=self._used)
-            self.evicted += removed.chunks
-            # where all that is left is in use, look again only when a tenth of the budget has been added
-            self._bytes = min(removed.bytes_left, int(PRUNE_TO * self.budget_bytes))
+            self._bytes += added
+        if self._bytes <= budget_bytes:
+            return
+        removed = self.prune(int(PRUNE_TO * budget_bytes), keep=self._used)
+        self.evicted += removed.chunks
+        # where all that is left is in use, look again only when a tenth of the budget has been added
+        self._bytes = min(removed.bytes_left, int(PRUNE_TO * budget_bytes))
 
     def keys(self) -> list[str]:
         """Return the names of all chunks, sorted."""
@@ -261,10 +269,11 @@ class MeshStore:
 
     def _give_up(self, path: Path, error: OSError | CacheError) -> None:
         """Count and name a chunk that cannot be used; remove it where it is damaged."""
-        self.damaged += 1
-        self.misses += 1
         reason = f"it cannot be read ({error.strerror})." if isinstance(error, OSError) else str(error)
-        self.notes.append(f"{path} is damaged: {reason}")
+        with self._lock:
+            self.damaged += 1
+            self.misses += 1
+            self.notes.append(f"{path} is damaged: {reason}")
         if isinstance(error, OtherVersionError | OSError) or self.read_only:
             return
         with contextlib.suppress(OSError):

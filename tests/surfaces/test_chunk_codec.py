@@ -15,7 +15,7 @@ from isosample.errors import CacheError, InputError
 from isosample.surfaces.chunk_codec import NO_NAME, OtherVersionError, decode, encode, summary
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import BrickMesh
-from isosample.surfaces.mesh_error import MeshError
+from isosample.surfaces.mesh_error import MeshError, round_residuals
 from isosample.volume.analytic import GaussianMixture, sample_field
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
@@ -134,6 +134,21 @@ def test_a_smooth_surface_takes_at_most_six_bytes_per_triangle() -> None:
     volume = sample_field(field, (33, 33, 33), lower=(-1.0,) * 3, upper=(1.0,) * 3, name="blob")
     (mesh,) = extract_surfaces(volume, [0.5]).meshes
     assert len(encode(mesh)) < 6.0 * len(mesh.triangles)
+    (measured,) = extract_surfaces(volume, [0.5], residuals=True).meshes
+    assert len(encode(measured)) < 8.0 * len(
+        mesh.triangles
+    )  # two bytes for each of two residuals, half a vertex
+
+
+def test_residuals_are_rounded_up_to_what_two_bytes_hold() -> None:
+    sizes = 10.0 ** np.random.default_rng(1).uniform(-37, 37, 1000)
+    exact = np.concatenate([sizes, [0.0, 1.0, 1.0 + 2.0**-8, 1.0 + 2.0**-23, 65504.0, 1e-300, 3.5e38, 1e300]])
+    rounded = round_residuals(exact.reshape(-1, 2)).reshape(-1)
+    assert (rounded >= exact).all()
+    assert (rounded[:1000] < exact[:1000] * (1.0 + 2.0**-8)).all()
+    assert rounded[1000:1004].tolist() == [0.0, 1.0, 1.0 + 2.0**-8, 1.0 + 2.0**-8]
+    assert np.isinf(rounded[-2:]).all()
+    assert not (rounded.view(np.uint32) & 0x80007FFF).any()
 
 
 @pytest.mark.parametrize("place", [(0.1, 0.0, 0.0), (-1.0, 0.0, 0.0), (np.nan, 0.0, 0.0), (2000.0, 0.0, 0.0)])
