@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import os
 import time
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from skimage.measure import marching_cubes
@@ -28,6 +29,17 @@ EDGE, QUICK_EDGE = 256, 128
 NOISE_EDGE, QUICK_NOISE_EDGE = 96, 48
 REPETITIONS, QUICK_REPETITIONS = 5, 2
 COUNTS = (1, 2, 4, 8, 16, 32, 64)
+HEADS = (
+    "field",
+    "program",
+    "triangles",
+    "time",
+    "processor time",
+    "triangles/s",
+    "voxels × isovalues/s",
+    "time / ours",
+    "per triangle / ours",
+)
 
 
 def smooth(edge: int) -> Volume:
@@ -69,11 +81,13 @@ def scikit_image(volume: Volume, levels: F64) -> int:
     return total
 
 
-def flying_edges(volume: Volume, levels: F64, *, gradients: bool) -> int:
-    """Give VTK's flying edges all isovalues at once."""
+def flying_edges(volume: Volume, levels: F64, *, gradients: bool, backend: str = "STDThread") -> int:
+    """Give VTK's flying edges all isovalues at once; the wheel's own backend is Sequential, one thread."""
     import vtk
     from vtk.util import numpy_support
 
+    if not vtk.vtkSMPTools.SetBackend(backend):
+        raise RuntimeError(f"this VTK was built without {backend}")
     image = vtk.vtkImageData()
     image.SetDimensions(*volume.size_xyz)
     samples = numpy_support.numpy_to_vtk(volume.array.reshape(-1), deep=False)
@@ -98,85 +112,81 @@ def programs() -> dict[str, Callable[[Volume, F64], int]]:
     except ImportError:
         pass
     else:
-        found["flying edges"] = lambda volume, levels: flying_edges(volume, levels, gradients=True)
-        found["flying edges, bare"] = lambda volume, levels: flying_edges(volume, levels, gradients=False)
+        found["flying edges, threads"] = partial(flying_edges, gradients=True)
+        found["flying edges, as installed"] = partial(flying_edges, gradients=True, backend="Sequential")
+        found["flying edges, threads, no normals"] = partial(flying_edges, gradients=False)
     found["scikit-image"] = scikit_image
     return found
 
 
-def timed(program: Callable[[Volume, F64], int], volume: Volume, levels: F64) -> tuple[float, int]:
-    """Seconds and triangles of one run."""
+class Run(NamedTuple):
+    """Seconds on the wall and of the processor, and triangles."""
+
+    seconds: float
+    processor: float
+    triangles: int
+
+
+def timed(program: Callable[[Volume, F64], int], volume: Volume, levels: F64) -> Run:
+    """Measure one run."""
     gc.collect()
-    start = time.perf_counter()
+    start, processor = time.perf_counter(), time.process_time()
     triangles = program(volume, levels)
-    return time.perf_counter() - start, triangles
+    return Run(time.perf_counter() - start, time.process_time() - processor, triangles)
 
 
-def compare(*, quick: bool) -> str:
-    """Seconds of each program, interleaved, and how many times longer than ours."""
-    rows = []
-    fields = [
-        smooth(QUICK_EDGE if quick else EDGE),
-        waves(QUICK_EDGE if quick else EDGE),
-        noise(QUICK_NOISE_EDGE if quick else NOISE_EDGE),
-    ]
+def fields(*, quick: bool) -> list[Volume]:
+    """A smooth field, one full of surface, and noise."""
+    edge = QUICK_EDGE if quick else EDGE
+    return [smooth(edge), waves(edge), noise(QUICK_NOISE_EDGE if quick else NOISE_EDGE)]
+
+
+def compare(volume: Volume, *, quick: bool) -> list[tuple[str, ...]]:
+    """Rows of one field: time of each program, interleaved, and how many times longer than ours."""
     ours(smooth(16), np.array([0.5]))  # machine code is loaded, or made
-    for volume in fields:
-        levels = levels_of(volume)
-        seconds: dict[str, list[float]] = {name: [] for name in programs()}
-        triangles: dict[str, int] = {}
-        for _ in range(QUICK_REPETITIONS if quick else REPETITIONS):
-            for name, program in programs().items():
-                taken, triangles[name] = timed(program, volume, levels)
-                seconds[name].append(taken)
-        own = float(np.median(seconds["isosample"]))
-        own_rate = own / triangles["isosample"]
-        for name, samples in seconds.items():
-            middle = float(np.median(samples))
-            rows.append(
-                (
-                    volume.name,
-                    "×".join(str(n) for n in volume.size_xyz),
-                    name,
-                    f"{triangles[name]:,}",
-                    median(samples),
-                    f"{triangles[name] / middle / 1e6:.1f} M",
-                    f"{volume.array.size * LEVELS / middle / 1e6:.0f} M",
-                    f"{middle / own:.1f}",
-                    f"{middle / triangles[name] / own_rate:.1f}",
-                )
+    levels = levels_of(volume)
+    runs: dict[str, list[Run]] = {name: [] for name in programs()}
+    for _ in range(QUICK_REPETITIONS if quick else REPETITIONS):
+        for name, program in programs().items():
+            runs[name].append(timed(program, volume, levels))
+    own = float(np.median([run.seconds for run in runs["isosample"]]))
+    own_rate = own / runs["isosample"][0].triangles
+    rows: list[tuple[str, ...]] = []
+    for name, found in runs.items():
+        middle, triangles = float(np.median([run.seconds for run in found])), found[0].triangles
+        rows.append(
+            (
+                f"{volume.name} {volume.size_xyz[0]}³",
+                name,
+                f"{triangles:,}",
+                median([run.seconds for run in found]),
+                median([run.processor for run in found]),
+                f"{triangles / middle / 1e6:.1f} M",
+                f"{volume.array.size * LEVELS / middle / 1e6:.0f} M",
+                f"{middle / own:.1f}",
+                f"{middle / triangles / own_rate:.1f}",
             )
-    heads = (
-        "field",
-        "samples",
-        "program",
-        "triangles",
-        "time",
-        "triangles/s",
-        "voxels × isovalues/s",
-        "time / ours",
-        "per triangle / ours",
-    )
-    return table(heads, rows)
+        )
+    return rows
 
 
 def growth(*, quick: bool) -> str:
     """Cost against isovalues and samples, with the exponents of power laws fitted to the medians."""
     repetitions = QUICK_REPETITIONS if quick else REPETITIONS
     edges = (32, 64, 128) if quick else (64, 128, 256)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for make in (smooth, waves):
         by_count, by_edge = [], []
         fixed = make(edges[-2] if make is waves else edges[-1])
         for count in COUNTS:
             levels = levels_of(fixed, count)
             runs = [timed(ours, fixed, levels) for _ in range(repetitions)]
-            by_count.append((float(np.median([run[0] for run in runs])), runs[0][1]))
+            by_count.append((float(np.median([run.seconds for run in runs])), runs[0].triangles))
         for edge in edges:
             volume = make(edge)
             levels = levels_of(volume)
             runs = [timed(ours, volume, levels) for _ in range(repetitions)]
-            by_edge.append((float(np.median([run[0] for run in runs])), runs[0][1]))
+            by_edge.append((float(np.median([run.seconds for run in runs])), runs[0].triangles))
         size = fixed.size_xyz[0]
         rows.append((f"{fixed.name} {size}³", "isovalues", *cells(COUNTS, by_count)))
         rows.append((f"{fixed.name}, {LEVELS} isovalues", "samples per axis", *cells(edges, by_edge)))
@@ -194,7 +204,8 @@ def cells(places: tuple[int, ...], found: list[tuple[float, int]]) -> tuple[str,
 def report(*, quick: bool) -> str:
     """Both tables, and the load of the machine while they were made."""
     before = os.getloadavg()[0]
-    parts = [compare(quick=quick), growth(quick=quick)]
+    rows = [row for volume in fields(quick=quick) for row in compare(volume, quick=quick)]
+    parts = [table(HEADS, rows), growth(quick=quick)]
     load = f"Load average {before:.1f} before and {os.getloadavg()[0]:.1f} after, {os.cpu_count()} cores.\n"
     return f"## Extraction of {LEVELS} isovalues with gradients\n\n" + "\n".join([*parts, load])
 
