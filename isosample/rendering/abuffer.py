@@ -57,6 +57,7 @@ class _Frame:
     passes: tuple[Pass, ...]
     curved: bool
     residuals: bool = False
+    streamed: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
 
     @property
@@ -231,7 +232,9 @@ class ABuffer:
         (unless `counted`), rather than built in vain.
         """
         budget = frame.settings.fragment_budget_bytes
-        if self._pool.is_empty:
+        if self._pool.is_empty and frame.streamed:
+            self._pool.fill(budget)  # rather than loading all meshes once more to measure
+        elif self._pool.is_empty:
             with self.timer.stage("measure"):
                 measured = self._measure(tile, frame)
             if not self._pool.grow(measured, budget):
@@ -390,10 +393,12 @@ class ABuffer:
         meshes, budget = self._device.meshes, frame.settings.mesh_budget_bytes
         meshes.begin_picture(budget)
         residual = residual_column(frame.curved) if frame.residuals else None
-        rows = meshes.missing(np.any([one.shown for one in frame.passes], axis=0), budget, residual)
+        needed = np.any([one.shown for one in frame.passes], axis=0)
+        rows = meshes.missing(needed, budget, residual)
         if len(rows):
             with self.timer.stage("upload"):
                 meshes.upload(rows, residual)
+        frame.streamed = not meshes.has(needed, residual)
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

@@ -81,6 +81,10 @@ class DeviceMeshes:
             return rows[:0]
         return rows
 
+    def has(self, needed: Bool, residual: int | None) -> bool:
+        """Whether all that is needed is on the GPU already; parameters as `batches`."""
+        return not (needed & ~self._held(residual)).any()
+
     def batches(self, needed: Bool, budget_bytes: int, residual: int | None) -> Iterator[Batch]:
         """Yield the needed pieces, as many at a time as the budget allows; a batch is valid until the next.
 
