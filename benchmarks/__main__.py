@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks import bench_abuffer, bench_extract, bench_reference, bench_startup
+from benchmarks import bench_abuffer, bench_cache, bench_extract, bench_reference, bench_scale, bench_startup
 from benchmarks.machine import describe_machine
 
 RESULTS = Path(__file__).parent / "RESULTS.md"
@@ -21,15 +21,21 @@ def main() -> None:
         return
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repetitions; prints only, keeps no page")
-    quick = parser.parse_args().quick
+    parser.add_argument(
+        "--full", action="store_true", help="also a volume of 1024³ samples: minutes, and 3 GiB of disk"
+    )
+    arguments = parser.parse_args()
+    quick = arguments.quick
     parts = [
         "# Results\n",
         "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n",
         describe_machine(),
     ]
-    for program in (bench_startup, bench_extract, bench_abuffer, bench_reference):
+    for program in (bench_startup, bench_extract, bench_cache, bench_abuffer, bench_reference):
         parts.append(program.report(quick=quick))
         print(parts[-1], flush=True)
+    parts.append(bench_scale.report(quick=quick, full=arguments.full))
+    print(parts[-1], flush=True)
     if not quick:
         RESULTS.write_text("\n".join(parts), encoding="utf-8")
         print(f"written to {RESULTS}")

@@ -36,10 +36,23 @@ def add_volume_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--time", type=values.count, metavar="N", help="time step of a file with several, counted from 0"
     )
+    group.add_argument("--dataset", metavar="NAME", help="array of an HDF5 file or a Zarr group with several")
     group.add_argument(
         "--frame",
         choices=("world", "index"),
         help="world: placed as the file says (default); index: in its own axes, without origin and direction",
+    )
+
+
+def add_memory_option(parser: argparse.ArgumentParser) -> None:
+    """Add how much memory an extraction may take."""
+    parser.add_argument(
+        "--memory",
+        type=values.byte_count,
+        metavar="SIZE",
+        help="most memory to take, such as 2GiB: the volume is read piece by piece, every piece of a mesh is written "
+        "as soon as it is there, and an interrupted run goes on where it ended (default: without limit; 2GiB for "
+        "Zarr and HDF5)",
     )
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --tolerance 1/255 --cache head_meshes
+isosample precompute huge.zarr --tf bone.json --memory 2GiB --cache huge_meshes
 isosample render head_meshes -o head.png"""
 
 
@@ -35,7 +36,9 @@ def add_parser(commands: Commands) -> None:
         summary="Extract the isosurfaces that a transfer function needs, for pictures without the volume.",
         example=EXAMPLE,
     )
-    parser.add_argument("volume", type=Path, metavar="VOLUME", help="volume file or DICOM folder")
+    parser.add_argument(
+        "volume", type=Path, metavar="VOLUME", help="volume file, DICOM folder or Zarr folder"
+    )
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
     parser.add_argument(
@@ -44,6 +47,7 @@ def add_parser(commands: Commands) -> None:
         metavar="DIR",
         help=f"folder for the meshes (default {arguments.CACHE_DEFAULT})",
     )
+    arguments.add_memory_option(parser)
     arguments.add_nan_option(parser)
     arguments.add_volume_options(parser)
 
@@ -51,12 +55,18 @@ def add_parser(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, extract what the folder lacks, write the scene, and tell where it is."""
     from isosample.cli.sources import load_transfer_function, open_source_volume
+    from isosample.cli.within_memory import memory_of, precompute_within
 
     start = time.perf_counter()
     if args.cache is not None:
         probe_folder(nearest_existing(args.cache))
     transfer_function = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.volume)
+    memory = memory_of(args, volume)
+    if memory is not None:
+        folder, scene = precompute_within(args, volume, transfer_function, memory)
+        summarise(folder, scene, time.perf_counter() - start, tell_memory=True)
+        return 0
     folder, scene = precompute(args, volume, transfer_function)
     summarise(folder, scene, time.perf_counter() - start)
     return 0
@@ -90,17 +100,22 @@ def precompute(
     return folder, scene
 
 
-def summarise(folder: Path, scene: PreparedScene, duration: float) -> None:
-    """Write where the meshes are and what they hold."""
+def summarise(folder: Path, scene: PreparedScene, duration: float, *, tell_memory: bool = False) -> None:
+    """Write where the meshes are and what they hold, and where it is asked for the most memory that was taken."""
+    from isosample.surfaces.memory import peak_bytes
+
     found = scene.surfaces.statistics
+    pieces = found.brick_visits + found.chunks_reused
     say_fields(
         {
             "cache": str(folder),
             "transfer function": scene.tf_origin,
             "levels": f"{len(scene.plan.isovalues)} ({found.levels_reused} reused)",
+            "pieces": f"{thousands(pieces)} ({thousands(found.chunks_reused)} reused)",
             "triangles": thousands(sum(found.triangles)),
             **tolerance_fields(scene.plan),
             "size": byte_size(folder_bytes(folder)),
+            **({"peak memory": byte_size(peak_bytes())} if tell_memory else {}),
             "seconds": seconds(duration),
         }
     )

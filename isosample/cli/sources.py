@@ -21,14 +21,18 @@ if TYPE_CHECKING:
 
     from isosample.cli.console import Progress
     from isosample.rendering.preparation import Quality
+    from isosample.surfaces.cache import CachedScene, OpenedScene
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.settings import ExtractionSettings
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalues import IsovaluePlan
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Volume
+    from isosample.volume.grid import F64, Volume
 
-VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "frame")
+VOLUME_OPTIONS = ("shape", "dtype", "spacing", "channel", "time", "dataset", "frame")
 CACHE_FILES = ("volume.json", "scene.json")
+LARGEST_IN_MEMORY = 256 << 20  # bytes of meshes; where there are more, they stay in the cache folder
 NEAR_COUNT = 3  # isovalues that a message suggests
 HASH_DIGITS = 8  # enough to tell volumes of the same name apart; the folder checks the whole hash
 
@@ -39,7 +43,7 @@ class PreparedScene:
 
     Attributes
     ----------
-    surfaces : SurfaceSet
+    surfaces : SurfaceSet or StoredSurfaces
     plan : IsovaluePlan
     transfer_function : TransferFunction
     name : str
@@ -52,7 +56,7 @@ class PreparedScene:
         Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
     """
 
-    surfaces: SurfaceSet
+    surfaces: SurfaceSet | StoredSurfaces
     plan: IsovaluePlan
     transfer_function: TransferFunction
     name: str
@@ -87,6 +91,7 @@ def open_source_volume(args: argparse.Namespace, path: Path) -> Volume:
         spacing=args.spacing,
         channel=args.channel,
         time=args.time,
+        dataset=args.dataset,
     )
     return volume.in_index_frame() if args.frame == "index" else volume
 
@@ -122,7 +127,7 @@ def plan_for(
     return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients)
 
 
-def mesh_gradients(surfaces: SurfaceSet, values: Sequence[float]) -> list[float | None]:
+def mesh_gradients(surfaces: SurfaceSet | StoredSurfaces, values: Sequence[float]) -> list[float | None]:
     """Return typical gradient magnitudes at values from the nearest isosurfaces there are [data units/voxel]."""
     import numpy as np
 
@@ -269,23 +274,23 @@ def scene_from_cache(
     CacheError
         If the folder is damaged, of another version, or lacks a scene or an isovalue.
     """
-    from isosample.surfaces.cache import load_cache, load_surface_set
+    from isosample.surfaces.cache import open_surface_set
     from isosample.surfaces.settings import ExtractionSettings
 
     start = time.perf_counter()
-    own = load_cache(folder) if (folder / "scene.json").exists() or given is None else None
+    own = _scene_of(folder) if (folder / "scene.json").exists() or given is None else None
     settings = own.surfaces.settings if own else ExtractionSettings()
     settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
     if own is not None and given is None and per_slope is None:
         surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
         if surfaces.settings != settings:
-            surfaces = load_surface_set(folder, plan.isovalues, **settings.as_keywords())
+            surfaces = _surfaces_of(folder, plan.isovalues, settings)
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
-        value_range = own.surfaces.value_range if own else load_surface_set(folder, ()).value_range
+        value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
         plan = plan_for(tf, value_range, per_slope, gradients)
-        surfaces = load_surface_set(folder, plan.isovalues, **settings.as_keywords())
+        surfaces = _surfaces_of(folder, plan.isovalues, settings)
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -294,6 +299,28 @@ def scene_from_cache(
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
     )
+
+
+def _scene_of(folder: Path) -> CachedScene | OpenedScene:
+    """Return the scene of a cache folder, whose meshes stay there where they are too many."""
+    from isosample.surfaces.cache import load_cache, open_cache
+
+    opened = open_cache(folder)
+    return opened if _are_many(opened.surfaces) else load_cache(folder)
+
+
+def _surfaces_of(
+    folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+) -> SurfaceSet | StoredSurfaces:
+    """Return surfaces of a cache folder, which stay there where they are too many."""
+    from isosample.surfaces.cache import load_surface_set, open_surface_set
+
+    opened = open_surface_set(folder, isovalues, settings)
+    return opened if _are_many(opened) else load_surface_set(folder, isovalues, **settings.as_keywords())
+
+
+def _are_many(surfaces: StoredSurfaces) -> bool:
+    return int(surfaces.chunk_table["bytes"].sum()) > LARGEST_IN_MEMORY
 
 
 def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -> SurfaceSet:
@@ -333,7 +360,18 @@ def _stored_scene(folder: Path) -> dict[str, Any]:
 
 def default_cache_folder(volume: Volume, content_hash: str) -> Path:
     """Return NAME-HASH in the folder of caches: $ISOSAMPLE_CACHE, else meshes_cache in the current one."""
+    return _folder_of_caches() / f"{_folder_name(volume)}-{content_hash[:HASH_DIGITS]}"
+
+
+def likely_cache_folders(volume: Volume) -> list[Path]:
+    """Return the folders that are there under the default name of a volume, whatever its content."""
+    return sorted(_folder_of_caches().glob(f"{_folder_name(volume)}-{'[0-9a-f]' * HASH_DIGITS}"))
+
+
+def _folder_of_caches() -> Path:
+    return Path(os.environ.get(CACHE_VARIABLE) or CACHE_FOLDER)
+
+
+def _folder_name(volume: Volume) -> str:
     stem = volume.name.partition(".")[0] or volume.name
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-") or "volume"
-    parent = Path(os.environ.get(CACHE_VARIABLE) or CACHE_FOLDER)
-    return parent / f"{name[:64]}-{content_hash[:HASH_DIGITS]}"
+    return (re.sub(r"[^A-Za-z0-9_-]+", "-", stem).strip("-") or "volume")[:64]

@@ -7,6 +7,13 @@ import math
 import re
 
 SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
+BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,15})?) ?([KMGT]i?B)", re.ASCII | re.IGNORECASE)
+UNITS = {
+    f"{letter}{middle}b": base ** (1 + place)
+    for place, letter in enumerate("kmgt")
+    for middle, base in (("", 1000), ("i", 1024))
+}
+LARGEST_MEMORY = 1 << 60
 LARGEST_EDGE = 1 << 20
 SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
 LARGEST_ZOOM = 1e6  # the GPU places vertices in float32: beyond it one pixel shows less than a rounding step
@@ -77,6 +84,15 @@ def count(text: str) -> int:
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text!r} must be a whole number >= 0")
     return number
+
+
+def byte_count(text: str) -> int:
+    """Return a number of bytes from ``2GiB``, ``1.5GB`` or ``800MiB``."""
+    found = BYTES.fullmatch(text.strip())
+    number = float(found[1]) * UNITS[found[2].lower()] if found else math.inf
+    if not 1 <= number <= LARGEST_MEMORY:
+        raise argparse.ArgumentTypeError(f"{text!r} is no size of memory; give one such as 2GiB or 800MiB")
+    return int(number)
 
 
 def shape(text: str) -> tuple[int, int, int]:

@@ -197,7 +197,9 @@ def _roots(
         if slope is not None:
             safe = np.where(slope == 0.0, 1.0, slope)
             newton = here - value / safe
-            following = np.where((slope != 0.0) & (newton > low[rows]) & (newton < high[rows]), newton, middle)
+            following = np.where(
+                (slope != 0.0) & (newton > low[rows]) & (newton < high[rows]), newton, middle
+            )
         place[rows] = following
         rows = rows[np.abs(following - here) > 2.0 * np.spacing(np.abs(following))]
     return place

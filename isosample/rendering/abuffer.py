@@ -15,10 +15,12 @@ from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import drawing_into, is_software, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.culling import Culling
+from isosample.rendering.device_scene import DeviceScene, residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
+from isosample.rendering.frame_statistics import FrameStatistics as FrameStatistics
 from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from isosample.rendering.camera import Camera
+    from isosample.rendering.culling import Pass
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
 
@@ -46,55 +49,15 @@ LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay
 
 
 @dataclass(slots=True)
-class FrameStatistics:
-    """What one picture cost.
-
-    Attributes
-    ----------
-    fragments : int
-        Crossings found in the lists.
-    lost_fragments : int
-        Rasterised by an independent count but not in the lists: 0, since otherwise there is no picture.
-    max_depth_complexity : int
-        Longest list.
-    band_violations : int
-        Rays whose crossings do not add up, by the crossings and ends that do not fit: some were lost, and put in
-        between.
-    reordered_fragments : int
-        Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
-    unrepaired_pixels : int
-        Pixels with a lost crossing whose place nothing tells: it was put in by a guess.
-    saturated_segments : int
-        Segments whose first-order opacity was above 1 and was taken as 1.
-    terminated_rays : int
-        Rays that ended behind an opaque front.
-    tiles : int
-        Parts in which the picture was rendered.
-    pool_bytes : int
-        Memory of the fragment pool.
-    """
-
-    fragments: int = 0
-    lost_fragments: int = 0
-    max_depth_complexity: int = 0
-    band_violations: int = 0
-    reordered_fragments: int = 0
-    unrepaired_pixels: int = 0
-    saturated_segments: int = 0
-    terminated_rays: int = 0
-    tiles: int = 0
-    pool_bytes: int = 0
-
-
-@dataclass(slots=True)
 class _Frame:
     """One picture in the making."""
 
     block: npt.NDArray[np.void]
     settings: RenderSettings
-    sides: tuple[float, ...]
+    passes: tuple[Pass, ...]
     curved: bool
     residuals: bool = False
+    streamed: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
 
     @property
@@ -129,7 +92,9 @@ class ABuffer:
         self._programs = Programs(ctx)
         with self.timer.stage("upload"):
             self._device = DeviceScene(ctx, scene)
+        self._culling = Culling(self._device.meshes.chunks)
         self._pool = FragmentPool(ctx)
+        self._was_split = False
         self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
         self._query = ctx.query(samples=True)
         self._target: moderngl.Framebuffer | None = None
@@ -195,6 +160,8 @@ class ABuffer:
             if progress is not None:
                 progress(done, width * height)
         frame.statistics.pool_bytes = self._pool.size_bytes
+        uploads = self._device.meshes.uploads
+        frame.statistics.mesh_batches, frame.statistics.mesh_bytes = uploads.batches, uploads.largest_bytes
         with self.timer.stage("read back"):
             pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
         return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
@@ -238,8 +205,7 @@ class ABuffer:
         """
         width, height = check_size(size)
         self._make_targets(width, height)
-        frame = self._frame(camera, (width, height), settings)
-        frame.residuals = True
+        frame = self._frame(camera, (width, height), settings, residuals=True)
         start = head_start(camera.rays(width / height), self._geometry.box)
         for tile, _ in self._built_tiles(frame, width, height):
             yield decode_lists(tile, (width, height), self._pool.heads(tile), self._pool.nodes(), start=start)
@@ -248,22 +214,33 @@ class ABuffer:
 
     def _built_tiles(self, frame: _Frame, width: int, height: int) -> Iterator[tuple[Tile, int]]:
         """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
-        parts = strips(width, height, self._pool.max_pixels)
+        parts = [(tile, False) for tile in strips(width, height, self._pool.max_pixels)]
+        were_split = False
         while parts:
-            part = parts.pop(0)
-            smaller, rasterised = self._build_or_split(part, frame)
-            parts = smaller + parts
+            part, counted = parts.pop(0)
+            smaller, rasterised = self._build_or_split(part, frame, counted=counted)
+            parts = [(tile, True) for tile in smaller] + parts
+            were_split |= len(smaller) > 1
             if not smaller:
                 yield part, rasterised
+        self._was_split = were_split
 
-    def _build_or_split(self, tile: Tile, frame: _Frame) -> tuple[list[Tile], int]:
-        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit."""
+    def _build_or_split(self, tile: Tile, frame: _Frame, *, counted: bool) -> tuple[list[Tile], int]:
+        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit.
+
+        Where the last picture did not fit, this one probably does not either: its fragments are counted first
+        (unless `counted`), rather than built in vain.
+        """
         budget = frame.settings.fragment_budget_bytes
-        if self._pool.is_empty:
+        if self._pool.is_empty and frame.streamed:
+            self._pool.fill(budget)  # rather than loading all meshes once more to measure
+        elif self._pool.is_empty:
             with self.timer.stage("measure"):
                 measured = self._measure(tile, frame)
             if not self._pool.grow(measured, budget):
                 return self._split(tile, frame), 0
+        elif self._was_split and not counted:
+            return self._split(tile, frame), 0
         counters, rasterised = self._build(tile, frame)
         asked = int(counters["node_count"])
         if rasterised == QUERY_SATURATED or asked > self._pool.capacity:
@@ -284,6 +261,7 @@ class ABuffer:
             self._draw("count.frag", "count.frag", tile, frame)
             self._ctx.memory_barrier()
             counts = self._pool.heads(tile)
+        self._pool.grow(int(counts.sum(dtype=np.int64)), frame.settings.fragment_budget_bytes)
         return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._pool.capacity)
 
     def _build(self, tile: Tile, frame: _Frame) -> tuple[np.void, int]:
@@ -308,8 +286,12 @@ class ABuffer:
         )
         masked = self._device.has_mask
         mask_program = self._programs.graphics("build_mask.vert", mask_fragment) if masked else None
+        passes = self._culling.tile(frame.block[0], tile, frame.passes)
+        budget = frame.settings.mesh_budget_bytes
         with self._query:
-            self._device.draw(program, mask_program, self._rasteriser, tile, frame.sides, curved=frame.curved)
+            self._device.draw(
+                program, mask_program, self._rasteriser, tile, passes, budget, curved=frame.curved
+            )
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
@@ -395,12 +377,35 @@ class ABuffer:
 
     # -- camera and memory ------------------------------------------------------------------------
 
-    def _frame(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> _Frame:
+    def _frame(
+        self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False
+    ) -> _Frame:
         block = frame_block(self._scene, camera, size, settings)
         curved = self._scene.smooth if settings.curved is None else settings.curved
-        return _Frame(
-            block=block, settings=settings, sides=self._sides(camera, size[0] / size[1]), curved=curved
+        frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
+        # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
+        # masked, whose border is drawn in any case.
+        found = self._culling.picture(
+            block[0], self._sides(camera, size[0] / size[1]), clip=not (residuals or self._device.has_mask)
         )
+        frame.passes = found.passes
+        statistics = frame.statistics
+        statistics.chunks, statistics.chunks_outside_view = found.pieces, found.outside_view
+        statistics.chunks_clipped, statistics.triangles_drawn = found.clipped, found.triangles
+        self._upload(frame)
+        return frame
+
+    def _upload(self, frame: _Frame) -> None:
+        """Put the meshes of a picture on the GPU, if they fit; else every pass uploads them in batches."""
+        meshes, budget = self._device.meshes, frame.settings.mesh_budget_bytes
+        meshes.begin_picture(budget)
+        residual = residual_column(frame.curved) if frame.residuals else None
+        needed = np.any([one.shown for one in frame.passes], axis=0)
+        rows = meshes.missing(needed, budget, residual)
+        if len(rows):
+            with self.timer.stage("upload"):
+                meshes.upload(rows, residual)
+        frame.streamed = not meshes.has(needed, residual)
 
     def _sides(self, camera: Camera, aspect: float) -> tuple[float, ...]:
         """+1 for what is in front of the eye; −1 too if a perspective eye is inside the box."""

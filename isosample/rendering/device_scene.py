@@ -1,4 +1,4 @@
-"""A scene on the GPU: meshes, bands, levels and boundary, uploaded once and drawn by every pass."""
+"""A scene on the GPU: meshes, bands, levels and boundary, drawn by every pass."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import drawing_into, limits
+from isosample.rendering.device_meshes import CURVED, FLAT, DeviceMeshes
 from isosample.rendering.frame import shared_constants, storage_dtype
 from isosample.rendering.programs import storage_bindings
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     import moderngl
 
+    from isosample.rendering.culling import Pass
     from isosample.rendering.scene import Scene
     from isosample.rendering.tiles import Tile
 
@@ -41,11 +43,7 @@ class DeviceScene:
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         _check_tables(scene, limits(ctx).storage_block_bytes, ctx.info["GL_RENDERER"])
         self._ctx = ctx
-        self._levels = scene.levels
-        self._vertices = ctx.buffer(_at_least_one(scene.vertices))
-        self._residuals = scene.residuals
-        self._residual_buffers: dict[int, moderngl.Buffer] = {}
-        self._indices = ctx.buffer(_at_least_one(scene.indices))
+        self.meshes = DeviceMeshes(ctx, scene)
         self._mask = None if scene.mask is None else ctx.buffer(_at_least_one(scene.mask))
         self._mask_count = 0 if scene.mask is None else len(scene.mask)
         self._tables = {
@@ -53,7 +51,7 @@ class DeviceScene:
             "Levels": ctx.buffer(_at_least_one(scene.level_optics)),
             "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
         }
-        self._vertex_arrays: dict[tuple[int, bool], moderngl.VertexArray] = {}
+        self._mask_arrays: dict[int, moderngl.VertexArray] = {}
 
     def bind(self) -> None:
         """Bind the tables that the resolve pass reads."""
@@ -71,11 +69,12 @@ class DeviceScene:
         mask_program: moderngl.Program | None,
         target: moderngl.Framebuffer,
         tile: Tile,
-        sides: Sequence[float],
+        passes: Sequence[Pass],
+        budget_bytes: int,
         *,
         curved: bool = False,
     ) -> None:
-        """Rasterise every level, and the border of the valid cells, within a tile of a framebuffer.
+        """Rasterise the levels, and the border of the valid cells, within a tile of a framebuffer.
 
         Parameters
         ----------
@@ -86,64 +85,55 @@ class DeviceScene:
         target : moderngl.Framebuffer
             Without attachments: with a colour attachment llvmpipe loses fragments in silence.
         tile : Tile
-        sides : sequence of float
-            +1 for what is in front of the eye, −1 for what is behind it.
+        passes : sequence of Pass
+            What is drawn in front of the eye, and what behind it.
+        budget_bytes : int
+            Vertex data on the GPU at once.
         curved : bool
             Which residuals a program gets that reads them: of the curved triangles, or of the flat ones.
+
+        Raises
+        ------
+        CapacityError
+            If one piece alone exceeds the budget.
         """
+        residual = residual_column(curved) if "residual" in program else None
+        needed = np.any([one.shown for one in passes], axis=0)
         target.scissor = (tile.x, tile.y, tile.width, tile.height)
         with drawing_into(self._ctx, target):
-            for side in sides:
-                self._draw_levels(program, side, curved)
-                if self._mask is not None and mask_program is not None:
-                    mask_program["side"] = side
-                    self._mask_vertex_array(mask_program).render(vertices=6, instances=self._mask_count)
-
-    def _draw_levels(self, program: moderngl.Program, side: float, curved: bool) -> None:
-        if not self._levels:
-            return
-        vertex_array = self._vertex_array(program, curved)
-        program["side"] = side
-        for levels in self._levels:
-            if "level" in program:
-                program["level"] = levels.level
-            vertex_array.render(vertices=levels.index_count, first=levels.first_index)
+            for batch in self.meshes.batches(needed, budget_bytes, residual):
+                for one in passes:
+                    program["side"] = one.side
+                    batch.draw(program, one.shown)
+            if self._mask is None or mask_program is None:
+                return
+            for one in passes:
+                mask_program["side"] = one.side
+                self._mask_vertex_array(mask_program).render(vertices=6, instances=self._mask_count)
 
     def release(self) -> None:
         """Free every buffer."""
-        for vertex_array in self._vertex_arrays.values():
+        self.meshes.release()
+        for vertex_array in self._mask_arrays.values():
             vertex_array.release()
-        buffers = (*self._tables.values(), *self._residual_buffers.values())
-        for buffer in (self._vertices, self._indices, self._mask, *buffers):
+        for buffer in (self._mask, *self._tables.values()):
             if buffer is not None:
                 buffer.release()
-        self._vertex_arrays, self._tables, self._residual_buffers = {}, {}, {}
-
-    def _vertex_array(self, program: moderngl.Program, curved: bool) -> moderngl.VertexArray:
-        key = (id(program), curved and "residual" in program)
-        if key not in self._vertex_arrays:
-            layout = ("3f 3f", "position", "gradient") if "gradient" in program else ("3f 3x4", "position")
-            content: list[tuple[object, ...]] = [(self._vertices, *layout)]
-            if "residual" in program:
-                content.append((self._residual_buffer(int(curved)), "1f", "residual"))
-            self._vertex_arrays[key] = self._ctx.vertex_array(program, content, index_buffer=self._indices)
-        return self._vertex_arrays[key]
-
-    def _residual_buffer(self, column: int) -> moderngl.Buffer:
-        """One column of the residuals on the GPU, uploaded when it is first asked for."""
-        if column not in self._residual_buffers:
-            values = np.ascontiguousarray(self._residuals[:, column])
-            self._residual_buffers[column] = self._ctx.buffer(_at_least_one(values))
-        return self._residual_buffers[column]
+        self._mask_arrays, self._tables = {}, {}
 
     def _mask_vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        key = (id(program), False)
-        if key not in self._vertex_arrays:
+        key = id(program)
+        if key not in self._mask_arrays:
             named = {"start": "3f", "face": "1i", "values": "4f"}
             used = [name for name in named if name in program]
             layout = " ".join(form if name in program else PADDING[name] for name, form in named.items())
-            self._vertex_arrays[key] = self._ctx.vertex_array(program, [(self._mask, f"{layout} /i", *used)])
-        return self._vertex_arrays[key]
+            self._mask_arrays[key] = self._ctx.vertex_array(program, [(self._mask, f"{layout} /i", *used)])
+        return self._mask_arrays[key]
+
+
+def residual_column(curved: bool) -> int:
+    """Column of the residuals that belongs to curved or flat triangles."""
+    return CURVED if curved else FLAT
 
 
 def _check_tables(scene: Scene, block_bytes: int, renderer: str) -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
     from isosample.rendering.settings import RenderSettings
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalue_plan import IsovaluePlan
 
 F32 = npt.NDArray[np.float32]
@@ -122,7 +123,7 @@ class ErrorMap:
 
 def error_map(
     abuffer: ABuffer,
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     plan: IsovaluePlan,
     camera: Camera,
     size: tuple[int, int],

@@ -80,6 +80,10 @@ class FragmentPool:
             self._nodes = self._ctx.buffer(reserve=wanted * node_bytes)
         return node_count <= largest
 
+    def fill(self, budget_bytes: int) -> None:
+        """Make room for as many nodes as the budget and the driver allow."""
+        self.grow(budget_bytes // storage_dtype("Node").itemsize, budget_bytes)
+
     def clear_lists(self, tile: Tile) -> None:
         """Empty the list of every pixel of a tile, and set all counters to zero."""
         self._fill_heads(tile, LIST_END_BYTES)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import ClipPlane
     from isosample.surfaces.boundary import BoundarySlices
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -26,7 +27,7 @@ LEAST_SHEET_SLOPE = 1e-6  # of the value range per radius of the box: LEAST_SLOP
 
 
 def crossing_lists(
-    found: FragmentLists, surfaces: SurfaceSet, origins: F64, directions: F64
+    found: FragmentLists, surfaces: SurfaceSet | StoredSurfaces, origins: F64, directions: F64
 ) -> CrossingLists:
     """Lists of the covered pixels, one ray each in the order of `found.covered`.
 
@@ -76,7 +77,9 @@ class _Columns(dict[str, npt.NDArray[np.generic]]):
     """Entries of crossing lists, in any order of the rays, with the ray of each."""
 
 
-def _with_box(inside: _Columns, surfaces: SurfaceSet, origins: F64, directions: F64) -> list[_Columns]:
+def _with_box(
+    inside: _Columns, surfaces: SurfaceSet | StoredSurfaces, origins: F64, directions: F64
+) -> list[_Columns]:
     """Entries between the two points where their ray meets the box, and those points; rays beside it have none."""
     box = surfaces.geometry.box
     unit_from_world = np.linalg.inv(box.edges.T)
@@ -96,7 +99,12 @@ def _with_box(inside: _Columns, surfaces: SurfaceSet, origins: F64, directions: 
 
 
 def _end(
-    surfaces: SurfaceSet, origins: F64, directions: F64, rays: I64, distance: F64, entering: bool
+    surfaces: SurfaceSet | StoredSurfaces,
+    origins: F64,
+    directions: F64,
+    rays: I64,
+    distance: F64,
+    entering: bool,
 ) -> _Columns:
     """Border points of rays."""
     value, tolerance = border_values(surfaces, origins + distance[:, None] * directions)
@@ -113,7 +121,7 @@ def _end(
     )
 
 
-def border_values(surfaces: SurfaceSet, points: F64) -> tuple[F64, F64]:
+def border_values(surfaces: SurfaceSet | StoredSurfaces, points: F64) -> tuple[F64, F64]:
     """Field on the surface of the box, and how far it may lie on the wrong side of an isovalue.
 
     Parameters

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from isosample.rendering.abuffer import FrameStatistics
     from isosample.rendering.error_map import ErrorMap
     from isosample.surfaces.extract import SurfaceSet
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
 
@@ -123,7 +124,7 @@ def _check_tolerance(quality: Quality, settings: RenderSettings | None) -> None:
 
 
 def render_surfaces(
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     plan: IsovaluePlan,
     *,
     camera: Camera | None = None,
@@ -181,7 +182,11 @@ class Renderer:
     """
 
     def __init__(
-        self, surfaces: SurfaceSet, plan: IsovaluePlan, *, seconds: dict[str, float] | None = None
+        self,
+        surfaces: SurfaceSet | StoredSurfaces,
+        plan: IsovaluePlan,
+        *,
+        seconds: dict[str, float] | None = None,
     ) -> None:
         self._ctx = shared_context()
         self._surfaces = surfaces
@@ -246,7 +251,7 @@ class Renderer:
 
 def statistics_of(
     ctx: moderngl.Context,
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     scene: Scene,
     frame: FrameStatistics,
     size: tuple[int, int],
@@ -262,7 +267,7 @@ def statistics_of(
         "size": list(size),
         "seconds": {stage: round(time, 6) for stage, time in seconds.items()},
         "isovalues": scene.plan.isovalues.tolist(),
-        "triangles": {"extracted": sum(extraction.triangles), "drawn": scene.triangle_count},
+        "triangles": {"extracted": sum(extraction.triangles), "drawn": counts.pop("triangles_drawn")},
         "fragments": counts.pop("fragments"),
         "max_depth_complexity": counts.pop("max_depth_complexity"),
         "lost_fragments": counts.pop("lost_fragments"),
@@ -271,6 +276,9 @@ def statistics_of(
             "brick_visits": extraction.brick_visits_skipped,
             "brick_visits_of": extraction.brick_visits + extraction.brick_visits_skipped,
             "rays_ended_early": counts.pop("terminated_rays"),
+            "chunks_outside_view": counts.pop("chunks_outside_view"),
+            "chunks_clipped": counts.pop("chunks_clipped"),
+            "chunks_of": counts.pop("chunks"),
             **{f"plan: {reason}": count for reason, count in scene.plan.skipped.items()},
         },
         **counts,

@@ -11,7 +11,9 @@ from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.settings import REFINEMENTS
+from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
+from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings
+from isosample.surfaces.store import MeshStore
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
@@ -20,10 +22,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
+    from isosample.volume.scan import BrickScan
 
     Progress = Callable[[str, int, int], None]
 
@@ -173,6 +177,81 @@ def _refined_enough(
     return surfaces, distance
 
 
+class PreparedInStore(NamedTuple):
+    """Surfaces that stay in a store, the plan they were extracted for, and the seconds of both stages."""
+
+    surfaces: StoredSurfaces
+    plan: IsovaluePlan
+    seconds: dict[str, float]
+
+
+def prepare_stored_surfaces(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    quality: Quality,
+    lists: SurfaceLists,
+    *,
+    memory: int,
+    scan: BrickScan,
+    nan_masked: bool = False,
+    residuals: bool = False,
+    progress: Progress | None = None,
+) -> PreparedInStore:
+    """Plan and extract what a picture needs into a cache folder, with a memory budget.
+
+    Parameters
+    ----------
+    volume, transfer_function, quality, nan_masked, residuals, progress
+        As for `prepare_surfaces`.
+    lists : SurfaceLists
+        Name the cache folder and the volume's content; what its chunks hold is not extracted again.
+    memory : int
+        Bytes that the whole process may take at its peak.
+    scan : BrickScan
+        Of this volume, for bricks of the default size.
+
+    Raises
+    ------
+    InputError
+        As `extract_into_store` and `plan_isovalues`; also if a tolerance is asked for, whose search needs surfaces in
+        memory.
+    CacheError
+        If the folder cannot be written.
+    """
+    if quality.tolerance is not None:
+        raise InputError(
+            f"tolerance {quality.tolerance:g} is searched for on surfaces in memory, without a budget. Leave out "
+            "--memory, or ask for --per-slope."
+        )
+    start = time.perf_counter()
+    scan.tell(volume)
+    plan = plan_for(volume, transfer_function, quality)
+    planned = time.perf_counter()
+    choices = REFINEMENTS if quality.refine is None else (quality.refine,)
+    for refine in choices:
+        settings = ExtractionSettings(
+            nan_masked=nan_masked,
+            reconstruction=quality.reconstruction,
+            refine=refine,
+            residuals=residuals or quality.refine is None,
+        )
+        surfaces = extract_into_store(
+            volume,
+            plan.isovalues,
+            MeshStore(lists.folder),
+            settings=settings,
+            memory=memory,
+            scan=scan,
+            lists=lists,
+            progress=None if progress is None else partial(progress, "extract"),
+        )
+        if quality.refine is None and mesh_distance(surfaces, quality.curved) <= AUTO_DISTANCE:
+            break
+    return PreparedInStore(
+        surfaces, plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
+    )
+
+
 def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
     """Isovalues with so many per slope, of the range that the reconstruction can take."""
     per_slope = DEFAULT_PER_SLOPE if quality.per_slope is None else quality.per_slope
@@ -185,7 +264,7 @@ def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quali
     )
 
 
-def mesh_distance(surfaces: SurfaceSet, curved: bool | None) -> float:
+def mesh_distance(surfaces: SurfaceSet | StoredSurfaces, curved: bool | None) -> float:
     """Largest rms distance of a level from its isosurface, as it is rendered [voxel]."""
     errors = [error for error in surfaces.mesh_errors if error is not None]
     bent = surfaces.settings.reconstruction.smooth if curved is None else curved

@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import CapacityError, InputError
+from isosample.errors import InputError
+from isosample.rendering.chunk_stream import CHUNK_DTYPE, StoredSource, merged, streamed
+from isosample.rendering.chunk_stream import VERTEX_DTYPE as VERTEX_DTYPE
+from isosample.rendering.chunk_stream import LevelRange as LevelRange
+from isosample.surfaces.stored_surfaces import StoredSurfaces
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
+    from isosample.rendering.chunk_stream import Source
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.mask_faces import MaskFaces
-    from isosample.surfaces.mesh import BrickMesh
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import GridGeometry
 
@@ -25,7 +29,6 @@ U32 = npt.NDArray[np.uint32]
 LARGEST_LENGTH = 1e15  # [world]; its square, and that of its inverse, are float32 numbers
 LARGEST_DEPTH = 1e25
 MASK_DTYPE = np.dtype([("start", "<f4", 3), ("face", "<i4"), ("values", "<f4", 4)])
-VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +51,6 @@ class ValueScale:
         """Values (any shape) in data units, as float64 in units of the range."""
         scaled: F64 = (values.astype(np.float64) - self.low) * self.inverse_width
         return scaled
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LevelRange:
-    """Where one level's triangles stand in the index buffer."""
-
-    level: int
-    first_index: int
-    index_count: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,6 +83,9 @@ class Scene:
         Weights of the taps where `boundary` holds spline coefficients; see `GridSpline`.
     plan : IsovaluePlan
     reconstruction : Reconstruction
+    source : Source or None
+        What gives the pieces of the levels where `vertices`, `indices` and `residuals` are empty, because they
+        stay on disk.
     """
 
     geometry: GridGeometry
@@ -104,6 +101,7 @@ class Scene:
     face_kernel: F32 | None
     plan: IsovaluePlan
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    source: Source | None = None
 
     @property
     def smooth(self) -> bool:
@@ -113,11 +111,16 @@ class Scene:
     @property
     def triangle_count(self) -> int:
         """Triangles over all levels."""
-        return len(self.indices) // 3
+        return sum(part.index_count for part in self.levels) // 3
+
+    def chunks(self) -> npt.NDArray[np.void]:
+        """(C,) `CHUNK_DTYPE`, the pieces of all levels."""
+        pieces = [part.pieces(len(self.vertices)) for part in self.levels]
+        return np.concatenate([np.empty(0, dtype=CHUNK_DTYPE), *pieces])
 
     @classmethod
-    def build(cls, surfaces: SurfaceSet, plan: IsovaluePlan) -> Scene:
-        """Scene of extracted surfaces and the plan they were extracted for.
+    def build(cls, surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> Scene:
+        """Scene of extracted surfaces and the plan they were extracted for; of stored ones, nothing is loaded yet.
 
         Raises
         ------
@@ -130,11 +133,12 @@ class Scene:
         rows = _rows_of_plan(surfaces, plan)
         _check_magnitudes(surfaces.geometry.box.radius, plan)
         scale = ValueScale(*surfaces.value_range)
-        by_isovalue: dict[float, list[BrickMesh]] = {}
-        for mesh in surfaces.meshes:
-            by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
-        chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
-        vertices, indices, levels = _merge(chosen, surfaces.geometry, scale)
+        if isinstance(surfaces, StoredSurfaces):
+            vertices, indices, residuals, levels = streamed(surfaces, rows)
+            source: Source | None = StoredSource(surfaces, scale)
+        else:
+            vertices, indices, residuals, levels = merged(surfaces, rows, scale)
+            source = None
         border = surfaces.boundary
         mask = None if border.mask_faces is None else _mask_records(border.mask_faces, scale)
         samples = [np.ravel(face) for face in border.faces] if mask is None else [np.zeros(0)]
@@ -149,14 +153,15 @@ class Scene:
             band_values=_band_values(plan, scale),
             band_optics=optics.astype(np.float32),
             level_optics=_level_optics(plan, scale),
-            residuals=_residuals(chosen, scale),
+            residuals=residuals,
             face_kernel=None if border.kernel is None else border.kernel.astype(np.float32),
             plan=plan,
             reconstruction=surfaces.settings.reconstruction,
+            source=source,
         )
 
 
-def _rows_of_plan(surfaces: SurfaceSet, plan: IsovaluePlan) -> npt.NDArray[np.intp]:
+def _rows_of_plan(surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> npt.NDArray[np.intp]:
     """Level of the surfaces for every isovalue of the plan; raise if one is missing."""
     rows = np.searchsorted(surfaces.isovalues, plan.isovalues)
     inside = np.minimum(rows, max(len(surfaces.isovalues) - 1, 0))
@@ -202,13 +207,6 @@ def _level_optics(plan: IsovaluePlan, scale: ValueScale) -> F32:
     return np.stack([impulses, sheets], axis=1).astype(np.float32)
 
 
-def _residuals(by_level: list[list[BrickMesh]], scale: ValueScale) -> F32:
-    """(V, 2) float32, normalised, in the order of the vertices."""
-    parts = [mesh.residuals for meshes in by_level for mesh in meshes]
-    found: F32 = np.concatenate([np.zeros((0, 2), dtype=np.float32), *parts])
-    return found * np.float32(scale.inverse_width)
-
-
 def _mask_records(faces: MaskFaces, scale: ValueScale) -> npt.NDArray[np.void]:
     """(F,) `MASK_DTYPE`, one instance per face; sample indices below 2^24 are exact in float32."""
     records = np.empty(len(faces.starts), dtype=MASK_DTYPE)
@@ -216,32 +214,3 @@ def _mask_records(faces: MaskFaces, scale: ValueScale) -> npt.NDArray[np.void]:
     records["face"] = 2 * faces.axes.astype(np.int32) + (faces.outward > 0)
     records["values"] = scale.normalise(faces.values)
     return records
-
-
-def _merge(
-    by_level: list[list[BrickMesh]], geometry: GridGeometry, scale: ValueScale
-) -> tuple[npt.NDArray[np.void], U32, tuple[LevelRange, ...]]:
-    """One vertex and one index array of all levels, and where each level stands in the latter."""
-    vertex_count = sum(len(mesh.positions) for meshes in by_level for mesh in meshes)
-    index_count = sum(mesh.triangles.size for meshes in by_level for mesh in meshes)
-    if vertex_count >= 2**32 or index_count >= 2**31:
-        raise CapacityError(
-            f"{vertex_count} vertices and {index_count // 3} triangles are more than one draw can name; "
-            "use fewer isovalues (--per-slope)."
-        )
-    vertices = np.empty(vertex_count, dtype=VERTEX_DTYPE)
-    indices = np.empty(index_count, dtype=np.uint32)
-    gradient_scale = scale.inverse_width * geometry.box.radius
-    levels = []
-    v = i = 0
-    for level, meshes in enumerate(by_level):
-        first = i
-        for mesh in meshes:
-            stop_v, stop_i = v + len(mesh.positions), i + mesh.triangles.size
-            vertices["position"][v:stop_v] = mesh.vertices_world(geometry) - geometry.box.centre
-            vertices["gradient"][v:stop_v] = mesh.gradients_world(geometry) * gradient_scale
-            indices[i:stop_i] = mesh.triangles.ravel().astype(np.uint32) + np.uint32(v)
-            v, i = stop_v, stop_i
-        if i > first:
-            levels.append(LevelRange(level=level, first_index=first, index_count=i - first))
-    return vertices, indices, tuple(levels)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DEFAULT_FRAGMENT_BUDGET_BYTES = 512 << 20
+DEFAULT_MESH_BUDGET_BYTES = 2 << 30
 DEFAULT_MIN_TRANSMITTANCE = (
     2.0**-20
 )  # what is left behind changes a pixel by less than 1e-6 of the brightest colour
@@ -90,6 +91,9 @@ class RenderSettings:
     fragment_budget_bytes : int
         Memory for the fragment lists; larger pictures are rendered in tiles. At least one pixel's list must
         fit.
+    mesh_budget_bytes : int
+        Memory for the meshes on the GPU; larger ones are uploaded, drawn and freed in batches, in every pass
+        and tile. At least one piece, (isovalue, brick), must fit.
     min_transmittance : float
         A ray ends where less than this share of the light behind would come through; 0 never.
     sort_capacity : int
@@ -108,6 +112,7 @@ class RenderSettings:
     clip_planes: tuple[ClipPlane, ...] = ()
     stage: ResolveStage = ResolveStage.AUTO
     fragment_budget_bytes: int = DEFAULT_FRAGMENT_BUDGET_BYTES
+    mesh_budget_bytes: int = DEFAULT_MESH_BUDGET_BYTES
     min_transmittance: float = DEFAULT_MIN_TRANSMITTANCE
     sort_capacity: int = 64
 
@@ -123,6 +128,10 @@ class RenderSettings:
         if self.fragment_budget_bytes < 1 << 16:
             raise InputError(
                 f"a fragment budget of {self.fragment_budget_bytes} bytes is too small; give 64 KiB or more."
+            )
+        if self.mesh_budget_bytes < 1 << 16:
+            raise InputError(
+                f"a mesh budget of {self.mesh_budget_bytes} bytes is too small; give 64 KiB or more."
             )
         if self.sort_capacity not in range(1, 257):
             raise InputError(f"sort_capacity {self.sort_capacity!r} must be a whole number from 1 to 256.")

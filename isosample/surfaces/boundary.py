@@ -9,6 +9,7 @@ import numpy as np
 
 from isosample.errors import InputError
 from isosample.surfaces.mask_faces import MaskFaces
+from isosample.volume.lazy import lazily
 
 if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray, Volume
@@ -54,7 +55,7 @@ class BoundarySlices:
         if spline is not None:
             sides = [(axis, side) for axis in range(3) for side in (0, 1)]
             return cls(faces=tuple(spline.face_coefficients(*place) for place in sides), kernel=spline.kernel)
-        a = volume.array
+        a = lazily(volume.array)
         views = (a[:, :, 0], a[:, :, -1], a[:, 0, :], a[:, -1, :], a[0], a[-1])
         faces = tuple(np.array(view, order="C") for view in views)
         return cls(faces=faces, mask_faces=MaskFaces.from_volume(volume))

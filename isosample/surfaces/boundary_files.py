@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from isosample.surfaces.settings import ExtractionSettings
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
 
 
@@ -25,11 +27,12 @@ def boundary_path(folder: Path, settings: ExtractionSettings) -> Path:
     return folder / f"boundary{suffix}.npz"
 
 
-def write_boundary(folder: Path, content_hash: str, surfaces: SurfaceSet, *, keep: bool) -> str:
-    """Write faces and value range, unless they are there and to be kept; return the digest of the arrays."""
+def write_boundary(folder: Path, content_hash: str, surfaces: SurfaceSet | StoredSurfaces) -> str:
+    """Write faces and value range, unless they are there undamaged; return the digest of the arrays."""
     path, header = boundary_path(folder, surfaces.settings), _header(content_hash, surfaces.settings)
-    if keep and path.exists():
-        return read_arrays(path, header)[1]
+    if path.exists():
+        with contextlib.suppress(CacheError):  # damaged: written anew
+            return read_arrays(path, header)[1]
     return write_arrays(path, header, _arrays(surfaces))
 
 
@@ -64,7 +67,7 @@ def _header(content_hash: str, settings: ExtractionSettings) -> dict[str, Any]:
     return {"content_hash": content_hash, "reconstruction": settings.reconstruction.value}
 
 
-def _arrays(surfaces: SurfaceSet) -> Arrays:
+def _arrays(surfaces: SurfaceSet | StoredSurfaces) -> Arrays:
     """Return the faces, the kernel and the mask's border where there are such, and the value range."""
     boundary = surfaces.boundary
     arrays: Arrays = {f"face_{number}": face for number, face in enumerate(boundary.faces)}

@@ -1,49 +1,59 @@
 """The mesh cache: a folder per volume from which a scene is rendered again without the volume.
 
-    volume.json          geometry and content hash of the volume
-    boundary.npz         samples on its six faces, value range; boundary-cubic.npz etc.: of a reconstruction
-    surfaces/<key>.npz   one isosurface, all its bricks; the key names content, isovalue and settings
-    scene.json           transfer function, plan, and the surfaces that they need
+    volume.json             geometry and content hash of the volume
+    boundary.npz            samples on its six faces, value range; boundary-cubic.npz etc.: of a reconstruction
+    chunks/<k>/<key>.chunk  one isosurface in one brick; the key names the brick's content, isovalue and settings
+    surfaces/<key>.npz      which chunks make up one isosurface, with their sizes and boxes
+    scene.json              transfer function, plan, and the surfaces that they need
 
-Every file is replaced whole, carries the format's version, and is checked against its digest when read.
+Every file is replaced whole, carries the format's version, and is checked when read. Chunks that are missing or
+damaged are extracted again, and only they; without the volume they are named, and never rendered.
 """
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass, replace
+import contextlib
+import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isosample.errors import CacheError
+from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.boundary_files import boundary_path, read_boundary, write_boundary
-from isosample.surfaces.cache_files import (
-    REMEDY,
-    digest_of,
-    read_json,
-    write_json,
+from isosample.surfaces.cache_files import REMEDY, digest_of, read_json, write_json
+from isosample.surfaces.cache_levels import (
+    Field,
+    Piece,
+    content_in_place,
+    extract_pieces,
+    load_pieces,
+    refuses_writing,
+    rows_of,
+    wanted_pieces,
 )
-from isosample.surfaces.extract import (
-    ExtractionStatistics,
-    SurfaceSet,
-    extract_surfaces,
-)
+from isosample.surfaces.chunk_table import ChunkTable
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
-from isosample.surfaces.surface_files import read_surface, surface_key, surface_path, write_surface
-from isosample.surfaces.surface_set import count_per_level
+from isosample.surfaces.store import MeshStore, chunk_key, full_disk_explained
+from isosample.surfaces.stored_surfaces import StoredSurfaces
+from isosample.surfaces.surface_files import listed_key, read_rows, surface_key, write_rows
+from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import BRICK_CELLS, bricks_of
-from isosample.volume.grid import SCAN_BYTES, GridGeometry
+from isosample.volume.grid import GridGeometry
 from isosample.volume.reconstruction import Reconstruction
+from isosample.volume.scan import scan_volume
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from isosample.surfaces.chunk_table import Rows
     from isosample.surfaces.mesh import BrickMesh
     from isosample.volume.grid import F64, Volume
+    from isosample.volume.scan import BrickScan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,20 +75,34 @@ class CachedScene:
     name: str
 
 
-def content_hash(volume: Volume) -> str:
-    """Return the sha256 of a volume's geometry, dtype and samples, hexadecimal; reads it block by block."""
-    head = {"geometry": volume.geometry.to_dict(), "dtype": volume.array.dtype.str}
-    digest = hashlib.sha256(digest_of(head).encode())
-    step = max(1, SCAN_BYTES // max(1, volume.array[0].nbytes))
-    for z in range(0, volume.array.shape[0], step):
-        block = np.ascontiguousarray(volume.array[z : z + step])
-        digest.update(block.reshape(-1).view(np.uint8).data)
-    return digest.hexdigest()
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OpenedScene:
+    """A scene as `open_cache` gives it: as `CachedScene`, but meshes stay in the folder until they are asked for."""
+
+    surfaces: StoredSurfaces
+    transfer_function: TransferFunction
+    plan: IsovaluePlan
+    name: str
+
+
+def content_hash(volume: Volume, scan: BrickScan | None = None) -> str:
+    """Return a sha256 of a volume's geometry, dtype and samples, hexadecimal.
+
+    Parameters
+    ----------
+    volume : Volume
+        Read once, block by block.
+    scan : BrickScan, optional
+        Of this volume with bricks of `BRICK_CELLS`, where there is one: then nothing is read.
+    """
+    if scan is None or scan.brick_cells != BRICK_CELLS:
+        scan = scan_volume(volume)
+    return digest_of({"geometry": volume.geometry.to_dict(), "samples": scan.content})
 
 
 def write_cache(
     folder: str | Path,
-    surfaces: SurfaceSet,
+    surfaces: SurfaceSet | StoredSurfaces,
     *,
     content_hash: str,
     transfer_function: TransferFunction,
@@ -91,7 +115,8 @@ def write_cache(
     ----------
     folder : path
         Made if absent.
-    surfaces : SurfaceSet
+    surfaces : SurfaceSet or StoredSurfaces
+        The latter's store must be in this folder.
     content_hash : str
         What `content_hash(volume)` gave.
     transfer_function : TransferFunction
@@ -105,17 +130,18 @@ def write_cache(
         If the folder belongs to another volume or format version, is damaged, or cannot be written.
     """
     folder = Path(folder)
-    boundary = _write_volume(folder, surfaces, content_hash, name)
+    store = MeshStore(folder)
+    claim_folder(folder, surfaces.geometry, content_hash, name)
+    boundary = write_boundary(folder, content_hash, surfaces)
     files = []
     for level, isovalue in enumerate(surfaces.isovalues.tolist()):
-        key = surface_key(content_hash, isovalue, surfaces.settings)
-        files.append(
-            {
-                "key": key,
-                "isovalue": isovalue.hex(),
-                "sha256": write_surface(surface_path(folder, key), key, surfaces.pieces(level)),
-            }
-        )
+        key = listed_key(folder, content_hash, isovalue, surfaces.settings)
+        digest = _listed(folder, store, key, isovalue)
+        if digest is None:
+            by_place = isinstance(surfaces, SurfaceSet)
+            key = surface_key(content_hash, isovalue, surfaces.settings, by_place=by_place)
+            digest = write_rows(folder, key, _kept_rows(store, surfaces, level, content_hash))
+        files.append({"key": key, "isovalue": isovalue.hex(), "sha256": digest})
     scene = {
         "content_hash": content_hash,
         "settings": surfaces.settings.to_dict(),
@@ -135,6 +161,17 @@ def load_cache(folder: str | Path) -> CachedScene:
     CacheError
         If the folder is not a cache, has no scene, or a file is missing, damaged or of another version.
     """
+    opened = open_cache(folder)
+    return CachedScene(
+        surfaces=_in_memory(opened.surfaces),
+        transfer_function=opened.transfer_function,
+        plan=opened.plan,
+        name=opened.name,
+    )
+
+
+def open_cache(folder: str | Path) -> OpenedScene:
+    """Return the scene of a cache folder, whose meshes are loaded when they are asked for; raises as `load_cache`."""
     folder = Path(folder)
     volume = _read_volume(folder)
     scene = read_json(folder / "scene.json", "scene")
@@ -144,8 +181,8 @@ def load_cache(folder: str | Path) -> CachedScene:
     digests = {entry["key"]: entry["sha256"] for entry in scene["surfaces"]}
     digests["boundary"] = scene["boundary_sha256"]
     settings = ExtractionSettings.from_dict(scene["settings"])
-    return CachedScene(
-        surfaces=_read_surfaces(folder, volume, check_isovalues(isovalues), settings, digests),
+    return OpenedScene(
+        surfaces=_open_surfaces(folder, volume, check_isovalues(isovalues), settings, digests),
         transfer_function=TransferFunction.from_dict(scene["transfer_function"]),
         plan=IsovaluePlan.from_dict(scene["plan"]),
         name=volume["name"],
@@ -162,7 +199,7 @@ def load_surface_set(
     refine: int = 1,
     residuals: bool = False,
 ) -> SurfaceSet:
-    """Return surfaces of a cache folder, which were extracted with the same settings.
+    """Return surfaces of a cache folder, which were extracted with the same settings, all in memory.
 
     Raises
     ------
@@ -171,7 +208,6 @@ def load_surface_set(
     CacheError
         As `load_cache`; also if a surface is not there (names the isovalue).
     """
-    folder = Path(folder)
     settings = ExtractionSettings(
         brick_cells=brick_cells,
         nan_masked=nan_masked,
@@ -179,7 +215,15 @@ def load_surface_set(
         refine=refine,
         residuals=residuals,
     )
-    return _read_surfaces(folder, _read_volume(folder), check_isovalues(isovalues), settings, {})
+    return _in_memory(open_surface_set(folder, isovalues, settings))
+
+
+def open_surface_set(
+    folder: str | Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+) -> StoredSurfaces:
+    """Return surfaces of a cache folder, loaded when they are asked for; raises as `load_surface_set`."""
+    folder = Path(folder)
+    return _open_surfaces(folder, _read_volume(folder), check_isovalues(isovalues), settings, {})
 
 
 def extract_with_cache(
@@ -192,6 +236,7 @@ def extract_with_cache(
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     refine: int = 1,
     residuals: bool = False,
+    budget_bytes: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume, of which those in the folder are read and the others added to it.
@@ -201,20 +246,25 @@ def extract_with_cache(
     volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, progress
         As for `extract_surfaces`.
     folder : path
-        The volume's cache folder, made if absent.
+        The volume's cache folder, made if absent. One that cannot be written is read, with a warning where
+        something would have been added.
+    budget_bytes : int, optional
+        Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
 
     Returns
     -------
     surfaces : SurfaceSet
-        The same, bit for bit, as `extract_surfaces` gives; ``statistics.levels_reused`` says how many levels
-        were read, the other counts are of the levels that were extracted now.
+        The same, bit for bit, as `extract_surfaces` gives; ``statistics.levels_reused`` says of how many levels
+        nothing was extracted, ``brick_visits`` how many (brick, isovalue) pairs were extracted now and
+        ``chunks_reused`` how many were read.
 
     Raises
     ------
     InputError
         As `extract_surfaces`.
     CacheError
-        If the folder belongs to another volume or format version, is damaged, or cannot be written.
+        If the folder belongs to another volume or format version, or cannot be written. What was extracted until
+        then is kept: the same call goes on from there.
     """
     folder = Path(folder)
     settings = ExtractionSettings(
@@ -225,28 +275,81 @@ def extract_with_cache(
         residuals=residuals,
     )
     levels = check_isovalues(isovalues)
+    scan = scan_volume(volume, brick_cells)
+    scan.tell(volume)
     check_volume(volume, settings)
-    volume_hash = content_hash(volume)
-    _check_owner(folder, volume_hash)
-    keys = [surface_key(volume_hash, isovalue, settings) for isovalue in levels.tolist()]
-    missing = np.array([not surface_path(folder, key).exists() for key in keys], dtype=np.bool_)
-    if not missing.any() and boundary_path(folder, settings).exists():
-        return _read_surfaces(folder, _read_volume(folder), levels, settings, {})
-    extracted = extract_surfaces(volume, levels[missing], **settings.as_keywords(), progress=progress)
-    _write_volume(folder, extracted, volume_hash, volume.name)
-    for level, place in enumerate(np.flatnonzero(missing)):
-        write_surface(surface_path(folder, keys[place]), keys[place], extracted.pieces(level))
-    reused = _read_surfaces(folder, _read_volume(folder), levels[~missing], settings, {})
-    meshes = sorted(
-        (*extracted.meshes, *reused.meshes), key=lambda mesh: mesh.isovalue
-    )  # stable: brick order
-    statistics = replace(
-        extracted.statistics,
-        levels_reused=len(reused.isovalues),
-        triangles=count_per_level(levels, meshes, "triangles"),
-        vertices=count_per_level(levels, meshes, "positions"),
+    volume_hash = content_hash(volume, scan)
+    claim_folder(folder, volume.geometry, volume_hash, volume.name)
+    store = MeshStore(folder, budget_bytes=budget_bytes)
+    field = Field.of(volume, settings, scan, volume_hash)
+    pieces, unlisted = wanted_pieces(folder, field, levels)
+    found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
+    missing = [piece for piece, mesh in found.items() if mesh is None]
+    found.update(extract_pieces(field, levels, missing, store, progress))
+    meshes = {piece: mesh for piece, mesh in sorted(found.items()) if mesh is not None}
+    surfaces = _surface_set(folder, field, levels, meshes, missing)
+    try:
+        with full_disk_explained():
+            write_boundary(folder, volume_hash, surfaces)
+            for level in unlisted:
+                rows = rows_of({piece: mesh for piece, mesh in meshes.items() if piece.level == level})
+                write_rows(folder, surface_key(volume_hash, float(levels[level]), settings), rows)
+    except CacheError as error:
+        if not refuses_writing(error):
+            raise
+        store.read_only = True
+    _tell(store)
+    return surfaces
+
+
+def _surface_set(
+    folder: Path, field: Field, levels: F64, meshes: dict[Piece, BrickMesh], extracted: Sequence[Piece]
+) -> SurfaceSet:
+    """Put the meshes together, with the boundary of the folder where it is there."""
+    boundary, value_range = _boundary(folder, field)
+    shown = tuple(mesh for mesh in meshes.values() if len(mesh.triangles))
+    return SurfaceSet(
+        geometry=field.volume.geometry,
+        isovalues=levels,
+        meshes=shown,
+        boundary=boundary,
+        value_range=value_range,
+        settings=field.settings,
+        statistics=ExtractionStatistics(
+            bricks_total=len(field.bricks),
+            brick_visits=len(extracted),
+            brick_visits_skipped=len(field.bricks) * len(levels) - len(meshes),
+            levels_reused=len(levels) - len({piece.level for piece in extracted}),
+            chunks_reused=len(meshes) - len(extracted),
+            triangles=count_per_level(levels, shown, "triangles"),
+            vertices=count_per_level(levels, shown, "positions"),
+        ),
     )
-    return replace(extracted, isovalues=levels, meshes=tuple(meshes), statistics=statistics)
+
+
+def _tell(store: MeshStore) -> None:
+    """Warn once about damaged chunks, and once about a folder that takes nothing more."""
+    if store.damaged:
+        warnings.warn(
+            f"{store.damaged} damaged chunks of {store.folder} were extracted again; the first: {store.notes[0]}",
+            UserWarning,
+            stacklevel=3,
+        )
+    if store.read_only:
+        warnings.warn(
+            f"{store.folder} cannot be written: what it lacks was extracted, and will be again the next time.",
+            UserWarning,
+            stacklevel=3,
+        )
+
+
+def _boundary(folder: Path, field: Field) -> tuple[BoundarySlices, tuple[float, float]]:
+    """Return faces and value range, read where they are there and whole."""
+    if boundary_path(folder, field.settings).exists():
+        with contextlib.suppress(CacheError):  # damaged: made anew, as if it were absent
+            return read_boundary(folder, field.content_hash, field.settings, None)
+    value_range = field.volume.value_range if field.spline is None else field.spline.value_range
+    return BoundarySlices.from_volume(field.volume, field.spline), value_range
 
 
 def _check_owner(folder: Path, content_hash: str) -> bool:
@@ -262,14 +365,11 @@ def _check_owner(folder: Path, content_hash: str) -> bool:
     return True
 
 
-def _write_volume(folder: Path, surfaces: SurfaceSet, content_hash: str, name: str) -> str:
-    """Write what is not there of volume.json and the boundary, whose digest is returned; refuse another volume."""
-    known = _check_owner(folder, content_hash)
-    digest = write_boundary(folder, content_hash, surfaces, keep=known)
-    if not known:
-        entries = {"name": name, "content_hash": content_hash, "geometry": surfaces.geometry.to_dict()}
+def claim_folder(folder: Path, geometry: GridGeometry, content_hash: str, name: str) -> None:
+    """Write volume.json unless it is there; refuse another volume's folder."""
+    if not _check_owner(folder, content_hash):
+        entries = {"name": name, "content_hash": content_hash, "geometry": geometry.to_dict()}
         write_json(folder / "volume.json", "cache", entries)
-    return digest
 
 
 def _read_volume(folder: Path) -> dict[str, Any]:
@@ -281,30 +381,89 @@ def _read_volume(folder: Path) -> dict[str, Any]:
     return read_json(folder / "volume.json", "cache")
 
 
-def _read_surfaces(
+def _listed(folder: Path, store: MeshStore, key: str, isovalue: float) -> str | None:
+    """Return the digest of the list of a surface's chunks, where it is there and all of them are."""
+    try:
+        rows, digest = read_rows(folder, key, isovalue)
+    except CacheError:  # absent or damaged: it is written anew
+        return None
+    return digest if all(store.has(name.decode()) for name in rows["key"].tolist()) else None
+
+
+def _kept_rows(
+    store: MeshStore, surfaces: SurfaceSet | StoredSurfaces, level: int, content_hash: str
+) -> Rows:
+    """Return the rows of one level, whose chunks are put into the store where they are not there."""
+    if isinstance(surfaces, StoredSurfaces):
+        found: Rows = surfaces.chunk_table.rows[surfaces.chunk_table.level == level]
+        return found
+    geometry, settings = surfaces.geometry, surfaces.settings
+    bricks = bricks_of(geometry.size_xyz, settings.brick_cells)
+    row_of = {brick.index: row for row, brick in enumerate(bricks)}
+    mirrored = bool(np.linalg.det(geometry.direction) < 0)
+    kept: dict[Piece, BrickMesh] = {}
+    for mesh in surfaces.pieces(level):
+        row = row_of[mesh.brick]
+        content = content_in_place(content_hash, row)
+        key = chunk_key(content, mesh.isovalue, geometry.spacing, settings, mirrored=mirrored)
+        kept[Piece(level, row, key)] = mesh
+        if not store.has(key):
+            store.put(key, mesh)
+    return rows_of(kept)
+
+
+def _open_surfaces(
     folder: Path, volume: dict[str, Any], levels: F64, settings: ExtractionSettings, digests: dict[str, str]
-) -> SurfaceSet:
-    """Read the surfaces of all levels; `digests` by key, and of the boundary, where a scene pins them."""
+) -> StoredSurfaces:
+    """Return the surfaces of all levels; `digests` by key, and of the boundary, where a scene pins them."""
     volume_hash = volume["content_hash"]
-    meshes: list[BrickMesh] = []
+    rows = []
     for isovalue in levels.tolist():
-        key = surface_key(volume_hash, isovalue, settings)
-        meshes += read_surface(folder, key, isovalue, digests.get(key))
+        key = listed_key(folder, volume_hash, isovalue, settings, digests)
+        rows.append(read_rows(folder, key, isovalue, digests.get(key))[0])
+    table = ChunkTable.of(levels, rows)
     boundary, value_range = read_boundary(folder, volume_hash, settings, digests.get("boundary"))
     geometry = GridGeometry.from_dict(volume["geometry"])
-    return SurfaceSet(
+    return StoredSurfaces(
         geometry=geometry,
         isovalues=levels,
-        meshes=tuple(meshes),
         boundary=boundary,
         value_range=value_range,
         settings=settings,
+        store=MeshStore(folder, read_only=True),
+        chunk_table=table,
         statistics=ExtractionStatistics(
             bricks_total=len(bricks_of(geometry.size_xyz, settings.brick_cells)),
             brick_visits=0,
             brick_visits_skipped=0,
             levels_reused=len(levels),
-            triangles=count_per_level(levels, meshes, "triangles"),
-            vertices=count_per_level(levels, meshes, "positions"),
+            chunks_reused=len(table),
+            triangles=table.per_level("triangles"),
+            vertices=table.per_level("vertices"),
         ),
+    )
+
+
+def _in_memory(stored: StoredSurfaces) -> SurfaceSet:
+    """Load all meshes; raise `CacheError` naming the first chunk that is missing or damaged."""
+    store, table = stored.store, stored.chunk_table
+    assert isinstance(store, MeshStore)
+    keys = [key.decode() for key in table["key"].tolist()]
+    meshes: list[BrickMesh] = []
+    for key, isovalue, mesh in zip(keys, table["isovalue"].tolist(), load_pieces(store, keys), strict=True):
+        if mesh is None:
+            what = store.notes[0] if store.notes else f"{store.path(key)} is missing"
+            raise CacheError(
+                f"{what.rstrip('.')}, and isosurface {isovalue!r} with it. Run `isosample precompute` with this "
+                "--cache again: it extracts only what is not there."
+            )
+        meshes.append(mesh)
+    return SurfaceSet(
+        geometry=stored.geometry,
+        isovalues=stored.isovalues,
+        meshes=tuple(meshes),
+        boundary=stored.boundary,
+        value_range=stored.value_range,
+        settings=stored.settings,
+        statistics=stored.statistics,
     )

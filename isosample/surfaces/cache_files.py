@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-FORMAT_VERSION = 2  # 2: reconstruction, refinement, residuals
+FORMAT_VERSION = 3  # 3: one chunk per isovalue and brick; 2: reconstruction, refinement, residuals
 REMEDY = "Delete the folder and run `isosample precompute` again."
 
 # What reading a damaged archive raises; RuntimeError comes from flipped encryption and compression flags.
@@ -118,7 +118,8 @@ def _check_version(path: Path, document: Mapping[str, Any]) -> None:
     version = document.get("version")
     if version != FORMAT_VERSION:
         raise CacheError(
-            f"{path} has format version {version}; this program reads and writes {FORMAT_VERSION}. {REMEDY}"
+            f"{path} has format version {version}; this program reads and writes {FORMAT_VERSION}. Nothing was "
+            "changed: take another --cache folder, or delete this one and run `isosample precompute` again."
         )
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -113,6 +114,63 @@ def case_table() -> CaseTable:
         triangle_count=counts,
         triangles=np.array([row for triangles, _ in cases for row in triangles], dtype=np.int8),
         centre_edges=centre_edges,
+    )
+
+
+class MarchTable(NamedTuple):
+    """The case table in the form that compiled kernels read.
+
+    Attributes
+    ----------
+    ambiguous_faces : (256,) uint8
+    case_of : (256, 64) int16
+    triangle_start : (C + 1,) int32
+        The rows of a case begin here; those of the next one end it.
+    triangles : (N, 3) int8
+    edge_count : (C,) int8
+        Cut edges of the case.
+    edges : (C, 12) int8
+        Their numbers, ascending; −1 behind them.
+    centre_edges : (C,) int16
+        Bit `e` is set where edge `e` surrounds the centre vertex.
+    faces : (6, 4) int8
+        Corners of the faces.
+    lower_corner : (12,) int8
+        Lower corner of each edge.
+    """
+
+    ambiguous_faces: npt.NDArray[np.uint8]
+    case_of: npt.NDArray[np.int16]
+    triangle_start: npt.NDArray[np.int32]
+    triangles: npt.NDArray[np.int8]
+    edge_count: npt.NDArray[np.int8]
+    edges: npt.NDArray[np.int8]
+    centre_edges: npt.NDArray[np.int16]
+    faces: npt.NDArray[np.int8]
+    lower_corner: npt.NDArray[np.int8]
+
+
+@cache
+def march_table() -> MarchTable:
+    """Return the table for kernels, made once per process."""
+    table = case_table()
+    case_count = len(table.triangle_count)
+    signs_of = np.empty(case_count, dtype=np.int64)
+    signs_of[table.case_of] = np.arange(256)[:, None]
+    inside = (signs_of[:, None] >> np.arange(8) & 1).astype(np.bool_)
+    cut = inside[:, EDGE_LOWER_CORNER] != inside[:, EDGE_LOWER_CORNER + (1 << EDGE_AXIS)]
+    edges = np.sort(np.where(cut, np.arange(EDGES), EDGES), axis=1)
+    edges[edges == EDGES] = -1
+    return MarchTable(
+        ambiguous_faces=table.ambiguous_faces,
+        case_of=table.case_of,
+        triangle_start=np.append(table.triangle_start, len(table.triangles)).astype(np.int32),
+        triangles=table.triangles,
+        edge_count=cut.sum(axis=1).astype(np.int8),
+        edges=edges.astype(np.int8),
+        centre_edges=(table.centre_edges @ (1 << np.arange(EDGES))).astype(np.int16),
+        faces=FACE_CORNERS.astype(np.int8),
+        lower_corner=EDGE_LOWER_CORNER.astype(np.int8),
     )
 
 

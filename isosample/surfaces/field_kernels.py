@@ -61,17 +61,34 @@ def field_value_gradient(coefficients: F64, kernel: F64, smooth: bool, cell: Thr
 
 
 @compiled
-def interpolated_gradient(gradients: F64, x: float, y: float, z: float) -> Three:
-    """Trilinear interpolation of gradients (Z, Y, X, 3) at samples; never −0."""
+def sample_slope(samples: F64, k: int, j: int, i: int, axis: int) -> float:
+    """Central difference at sample (i, j, k) per sample step, one-sided next to NaN, 0 between two NaN."""
+    dx, dy, dz = int(axis == 0), int(axis == 1), int(axis == 2)
+    here: float = samples[k + 1, j + 1, i + 1]
+    ahead: float = samples[k + 1 + dz, j + 1 + dy, i + 1 + dx]
+    behind: float = samples[k + 1 - dz, j + 1 - dy, i + 1 - dx]
+    slope = 0.5 * (ahead - behind)
+    if not math.isnan(slope):
+        return slope
+    if not math.isnan(ahead):
+        return ahead - here
+    return 0.0 if math.isnan(behind) else here - behind
+
+
+@compiled
+def interpolated_gradient(samples: F64, x: float, y: float, z: float) -> Three:
+    """Trilinear interpolation of the central differences at samples; never −0."""
     i, j, k = math.floor(x), math.floor(y), math.floor(z)
     u, v, w = x - i, y - j, z - k
     right, back, high = i + (u > 0.0), j + (v > 0.0), k + (w > 0.0)
     found = (0.0, 0.0, 0.0)
     for axis in range(3):
-        ab = gradients[k, j, i, axis] * (1.0 - u) + gradients[k, j, right, axis] * u
-        cd = gradients[k, back, i, axis] * (1.0 - u) + gradients[k, back, right, axis] * u
-        ef = gradients[high, j, i, axis] * (1.0 - u) + gradients[high, j, right, axis] * u
-        gh = gradients[high, back, i, axis] * (1.0 - u) + gradients[high, back, right, axis] * u
+        a, b = sample_slope(samples, k, j, i, axis), sample_slope(samples, k, j, right, axis)
+        c, d = sample_slope(samples, k, back, i, axis), sample_slope(samples, k, back, right, axis)
+        e, f = sample_slope(samples, high, j, i, axis), sample_slope(samples, high, j, right, axis)
+        g, h = sample_slope(samples, high, back, i, axis), sample_slope(samples, high, back, right, axis)
+        ab, cd = a * (1.0 - u) + b * u, c * (1.0 - u) + d * u
+        ef, gh = e * (1.0 - u) + f * u, g * (1.0 - u) + h * u
         mixed = (ab * (1.0 - v) + cd * v) * (1.0 - w) + (ef * (1.0 - v) + gh * v) * w + 0.0
         if axis == 0:
             found = (mixed, found[1], found[2])
@@ -84,7 +101,7 @@ def interpolated_gradient(gradients: F64, x: float, y: float, z: float) -> Three
 
 @compiled
 def vertex_gradients(
-    coefficients: F64, kernel: F64, smooth: bool, origin: F64, gradients: F64, places: F64, found: F64
+    coefficients: F64, kernel: F64, smooth: bool, origin: F64, places: F64, found: F64
 ) -> None:
     """Fill in gradients (N, 3) at places (N, 3) in the brick's coordinates: the spline's, or interpolated."""
     for n in range(len(places)):
@@ -94,5 +111,5 @@ def vertex_gradients(
                 coefficients, kernel, x + origin[0], y + origin[1], z + origin[2]
             )
         else:
-            gx, gy, gz = interpolated_gradient(gradients, x, y, z)
+            gx, gy, gz = interpolated_gradient(coefficients, x, y, z)
         found[n, 0], found[n, 1], found[n, 2] = gx, gy, gz

@@ -1,4 +1,4 @@
-"""Marching cubes over the samples of one brick, vectorised over the cells that the isosurface meets."""
+"""Marching cubes over the samples of one brick, for all isovalues at once."""
 
 from __future__ import annotations
 
@@ -9,234 +9,207 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.surfaces.brick_samples import gradients_at
-from isosample.surfaces.case_tables import (
-    EDGE_AXIS,
-    EDGE_LOWER_CORNER,
-    EDGES,
-    FACE_CORNERS,
-    case_table,
-)
+from isosample.surfaces.case_tables import march_table
 from isosample.surfaces.positions import POSITION_STEPS, SMALLEST_FRACTION
 
 if TYPE_CHECKING:
     from isosample.surfaces.brick_samples import BrickSamples
-    from isosample.surfaces.mesh import I32, I64
+    from isosample.surfaces.mesh import F32, I32, I64
     from isosample.volume.grid import F64
 
-U8 = npt.NDArray[np.uint8]
+MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
+ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
+SLOT_PLANES = 5  # edges along x and y in two planes of samples, and those along z between them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LocalMesh:
-    """A mesh in a brick's own numbering.
+    """The piece of one isosurface in one brick, its vertices named in the whole volume.
 
     Attributes
     ----------
-    positions : (V, 3) float64
-        Index coordinates (x, y, z) relative to the brick's first sample, multiples of 2**-17 [voxel].
-    gradients : (V, 3) float64
-        Derivative per sample step along x, y, z [data units / voxel].
-    axes : (V,) int64
-        Axis of the grid edge that holds the vertex; 3 for a vertex inside a cell.
-    samples : (V,) int64
-        Linear index in the brick of the edge's lower sample, or of the cell's first sample.
+    positions : (V, 3) float32
+        Index coordinates (x, y, z) relative to the brick's first sample, multiples of 2**-19 [voxel].
+    gradients : (V, 3) float32
+        Derivative per sample step along x, y, z [data units / voxel], rounded as `positions.round_gradients` does.
+    keys : (V,) int64
+        As `BrickMesh.edge_keys`.
     triangles : (T, 3) int32
         Counter-clockwise in index coordinates (x, y, z) seen from the side of falling values.
+
+    Notes
+    -----
+    Vertices are numbered as they are first met, cell by cell, x fastest. The arrays of one call share their memory.
     """
 
-    positions: F64
-    gradients: F64
-    axes: I64
-    samples: I64
+    positions: F32
+    gradients: F32
+    keys: I64
     triangles: I32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _ActiveCells:
-    """Cells that the isosurface meets: linear index of the first sample, and the case number."""
-
-    samples: I64
-    cases: I64
-
-
-def march(brick: BrickSamples, isovalue: float) -> LocalMesh:
-    """Return the isosurface in one brick, watertight inside it, in the brick's own numbering.
+def march_levels(brick: BrickSamples, isovalues: F64) -> list[LocalMesh]:
+    """Return the isosurfaces in one brick, watertight inside it, one per isovalue.
 
     Parameters
     ----------
     brick : BrickSamples
-    isovalue : float
-        In data units; a sample equal to it counts as inside.
+        Of at most 62 cells along each axis.
+    isovalues : (L,) float64
+        Strictly ascending, in data units; a sample equal to one counts as inside.
 
     Returns
     -------
-    mesh : LocalMesh
-        Empty (0 vertices) if the isosurface does not meet the brick.
+    meshes : list of LocalMesh
+        Empty (0 vertices) where an isosurface does not meet the brick.
 
     Notes
     -----
-    A vertex lies where the field along its grid edge takes the isovalue, kept 2**-14 voxel away from the two
-    samples and rounded to 2**-17 voxel. The first moves it by at most 2**-14 voxel, and only where a sample
-    is (almost) equal to the isovalue; without it such a sample would collapse triangles. Its gradient is that
-    of a smooth reconstruction there, or central differences interpolated along the edge. A vertex inside a
-    cell lies at the mean of those around it, with the mean of their gradients.
+    A cell is looked at once for all isovalues that cross it; see `march_kernels`.
+
+    A vertex lies where the field along its grid edge takes the isovalue, kept 2**-19 voxel away from the two
+    samples and rounded to 2**-19 voxel: within 1e-6 voxel of the root, and 2e-6 where a sample is (almost) equal to
+    the isovalue, which without that distance would collapse triangles. Its gradient is that of a smooth
+    reconstruction there, or central differences interpolated along the edge. A vertex inside a cell lies at the
+    mean of those around it, with the mean of their gradients.
 
     Ambiguous faces are decided by the bilinear interpolant's saddle (Nielson and Hamann, "The asymptotic
     decider", Visualization 1991). Tunnels inside a cell (the interior test of marching cubes 33) are not
     made: the surface is a watertight manifold, but two sheets that the trilinear interpolant joins strictly
     inside one cell stay apart there.
     """
-    cells = _active_cells(brick, isovalue)
-    numbers, corner_of_row = _triangle_corners(cells, brick.values.shape)
-    size = brick.values.size
-    used = np.zeros(4 * size, dtype=np.bool_)
-    used[corner_of_row] = True
-    names = np.flatnonzero(used)
-    vertex_of_name = np.empty(4 * size, dtype=np.int32)
-    vertex_of_name[names] = np.arange(names.size, dtype=np.int32)
-    axes, samples = names // size, names % size
-    on_edge = np.searchsorted(names, 3 * size)
-    positions, gradients = _edge_vertices(brick, isovalue, axes[:on_edge], samples[:on_edge])
-    if on_edge < names.size:
-        inner = _centre_vertices(cells, numbers, vertex_of_name, positions, gradients, brick.values.shape)
-        positions, gradients = np.concatenate([positions, inner[0]]), np.concatenate([gradients, inner[1]])
+    meshes: list[LocalMesh] = []
+    for first in range(0, len(isovalues), MOST_LEVELS):
+        levels = np.ascontiguousarray(isovalues[first : first + MOST_LEVELS], dtype=np.float64)
+        meshes += _march(brick, levels)
+    if brick.smooth:
+        pairs = zip(meshes, isovalues.tolist(), strict=True)
+        meshes = [_onto_spline(brick, isovalue, mesh) for mesh, isovalue in pairs]
+    return meshes
+
+
+def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
+    """March a brick of the trilinear field."""
+    from isosample.surfaces import march_kernels
+
+    planes, rows, columns = brick.padded.shape
+    values, table = brick.padded.reshape(-1), march_table()
+    ranks = np.empty(values.size, dtype=np.int16)
+    march_kernels.count_ranks(values, levels, ranks)
+    capacity = (planes - 3) * (rows - 3) * (columns - 3)
+    cells = np.empty(capacity, dtype=np.int32)
+    lows, highs = np.empty(capacity, dtype=np.int16), np.empty(capacity, dtype=np.int16)
+    steps = np.zeros(len(levels) + 1, dtype=np.int64)
+    row_of_ranks = np.empty((2, columns), dtype=np.int16)
+    cell_count, crossing_count = march_kernels.crossed_cells(
+        ranks.reshape(brick.padded.shape),
+        ALL_CELLS if brick.usable_cells is None else brick.usable_cells.view(np.uint8),
+        row_of_ranks[0],
+        row_of_ranks[1],
+        cells,
+        lows,
+        highs,
+        steps,
+    )
+    pair_start = _starts(np.cumsum(steps[:-1]))
+    pairs = np.empty(pair_start[-1], dtype=np.int32)
+    triangle_counts = np.zeros(len(levels), dtype=np.int64)
+    centre_count = march_kernels.sort_by_level(
+        values,
+        ranks,
+        columns,
+        columns * rows,
+        levels,
+        table,
+        cells[:cell_count],
+        lows[:cell_count],
+        highs[:cell_count],
+        pair_start[:-1].copy(),
+        pairs,
+        triangle_counts,
+    )
+    vertex_count = crossing_count + centre_count
+    positions = np.empty((vertex_count, 3), dtype=np.float32)
+    gradients = np.empty((vertex_count, 3), dtype=np.float32)
+    keys = np.empty(vertex_count, dtype=np.int64)
+    triangle_start = _starts(triangle_counts)
+    triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
+    vertex_start = np.zeros(len(levels) + 1, dtype=np.int64)
+    march_kernels.emit(
+        values,
+        columns,
+        columns * rows,
+        levels,
+        table,
+        pairs,
+        pair_start,
+        brick.start,
+        brick.size_xyz,
+        positions,
+        gradients,
+        keys,
+        triangles,
+        vertex_start,
+        np.full(SLOT_PLANES * columns * rows, -1, dtype=np.int32),
+        np.empty((2, 12), dtype=np.int64),
+        np.empty(13, dtype=np.int32),
+    )
+    vertices, faces = vertex_start.tolist(), triangle_start.tolist()
+    return [
+        LocalMesh(
+            positions=positions[vertices[k] : vertices[k + 1]],
+            gradients=gradients[vertices[k] : vertices[k + 1]],
+            keys=keys[vertices[k] : vertices[k + 1]],
+            triangles=triangles[faces[k] : faces[k + 1]],
+        )
+        for k in range(len(levels))
+    ]
+
+
+def _starts(counts: I64) -> I64:
+    """(L + 1,) int64, where each of some consecutive ranges begins, and where the last one ends."""
+    starts = np.zeros(len(counts) + 1, dtype=np.int64)
+    np.cumsum(counts, out=starts[1:])
+    return starts
+
+
+def _onto_spline(brick: BrickSamples, isovalue: float, mesh: LocalMesh) -> LocalMesh:
+    """Return the mesh with the vertices of grid edges moved to where the spline takes the isovalue."""
+    if not len(mesh.keys):
+        return mesh
+    from isosample.surfaces.root_kernels import edge_roots
+
+    positions = mesh.positions.astype(np.float64)
+    on_edge = mesh.keys < 3 * brick.sample_count
+    rows, axes = np.flatnonzero(on_edge), mesh.keys[on_edge] % 3
+    lowers = np.floor(positions[rows])
+    x, y, z = lowers.astype(np.int64).T
+    low_inside = brick.values[z, y, x] >= isovalue
+    fractions = positions[rows, axes] - lowers[np.arange(len(rows)), axes]
+    edge_roots(brick.coefficients, brick.kernel, isovalue, lowers + brick.origin, axes, low_inside, fractions)
+    np.clip(fractions, SMALLEST_FRACTION, 1.0 - SMALLEST_FRACTION, out=fractions)
+    lowers[np.arange(len(rows)), axes] += _rounded(fractions)
+    positions[rows] = lowers
+    _settle_means(positions, mesh.triangles, ~on_edge)
+    gradients = gradients_at(brick, positions)
     return LocalMesh(
-        positions=positions,
-        gradients=gradients,
-        axes=axes,
-        samples=samples,
-        triangles=vertex_of_name[corner_of_row],
+        positions=positions.astype(np.float32),
+        gradients=gradients.astype(np.float32),
+        keys=mesh.keys,
+        triangles=mesh.triangles,
     )
 
 
-def _active_cells(brick: BrickSamples, isovalue: float) -> _ActiveCells:
-    """Find the cells with corners on both sides, and their cases."""
-    inside = (brick.values >= isovalue).view(np.uint8)
-    pairs = inside[:, :, :-1] | inside[:, :, 1:] << 1
-    quads = pairs[:, :-1] | pairs[:, 1:] << 2
-    signs = quads[:-1] | quads[1:] << 4
-    meets = signs + np.uint8(1) > 1  # neither 0 nor 255: the sum wraps
-    if brick.usable_cells is not None:
-        meets &= brick.usable_cells
-    found = np.flatnonzero(meets)
-    samples = _linear_index(_coordinates(found, signs.shape), brick.values.shape)
-    signs_found: U8 = signs.ravel()[found].astype(np.uint8)
-    decisions = _face_decisions(brick.values, isovalue, samples, signs_found)
-    return _ActiveCells(samples, case_table().case_of[signs_found, decisions].astype(np.int64))
+def _settle_means(positions: F64, triangles: I32, inner: npt.NDArray[np.bool_]) -> None:
+    """Put every vertex inside a cell to the mean of those around it, each of which follows it in one triangle."""
+    fans = triangles[inner[triangles[:, 0]]]
+    for axis in range(3):
+        total = np.bincount(fans[:, 0], positions[fans[:, 1], axis], minlength=len(positions))
+        count = np.bincount(fans[:, 0], minlength=len(positions))
+        positions[inner, axis] = _rounded(total[inner] / count[inner])
 
 
-def _face_decisions(values: F64, isovalue: float, samples: I64, signs: U8) -> U8:
-    """Bit `f` is set where the inside corners of ambiguous face `f` are joined.
-
-    With the isovalue subtracted, a and c on one diagonal and b and d on the other, the saddle of the bilinear
-    interpolant is (a c − b d) / (a + c − b − d). The products are the same in both cells at the face.
-    """
-    decisions = np.zeros(signs.size, dtype=np.uint8)
-    ambiguous = case_table().ambiguous_faces[signs]
-    rows = np.flatnonzero(ambiguous)
-    if rows.size == 0:
-        return decisions
-    corners = samples[rows, None] + _corner_offsets(values.shape)
-    heights = values.ravel()[corners] - isovalue
-    for face, ring in enumerate(FACE_CORNERS):
-        a, b, c, d = heights[:, ring].T
-        scale = np.abs(heights[:, ring]).max(axis=1)
-        scale[scale == 0.0] = 1.0  # a face of samples equal to the isovalue is not ambiguous
-        saddle = (a / scale) * (c / scale) - (b / scale) * (d / scale)
-        joined = np.where(a >= 0, saddle >= 0, saddle <= 0)
-        decisions[rows] |= joined.astype(np.uint8) << np.uint8(face)
-    return decisions & ambiguous
-
-
-def _triangle_corners(cells: _ActiveCells, shape: tuple[int, ...]) -> tuple[I64, I64]:
-    """Return the names of a cell's vertices 0 to 12, relative to its first sample, and of all triangles.
-
-    A vertex is named axis · (sample count) + (lower sample), with axis 3 for the centre of a cell.
-    """
-    table = case_table()
-    size = int(np.prod(shape))
-    on_edges = EDGE_AXIS * size + _corner_offsets(shape)[EDGE_LOWER_CORNER]
-    numbers = np.append(on_edges, 3 * size).astype(np.int64)
-    count = table.triangle_count[cells.cases]
-    shift = table.triangle_start[cells.cases] - (np.cumsum(count) - count)
-    rows = np.arange(count.sum()) + np.repeat(shift, count)
-    names: I64 = numbers[table.triangles[rows]] + np.repeat(cells.samples, count)[:, None]
-    return numbers, names
-
-
-def _edge_vertices(brick: BrickSamples, isovalue: float, axes: I64, samples: I64) -> tuple[F64, F64]:
-    """Positions [voxel] and gradients where the isosurface cuts the grid edges."""
-    _, y, x = brick.values.shape
-    far = samples + np.array([1, x, x * y])[axes]
-    values = brick.values.ravel()
-    low = values[samples]
-    fraction = (isovalue - low) / (values[far] - low)
-    positions = _coordinates(samples, brick.values.shape)[::-1].T.astype(np.float64)
-    if brick.smooth:
-        _take_roots(brick, isovalue, positions, axes, low >= isovalue, fraction)
-    np.clip(fraction, SMALLEST_FRACTION, 1.0 - SMALLEST_FRACTION, out=fraction)
-    fraction = np.rint(fraction * POSITION_STEPS) / POSITION_STEPS
-    positions[np.arange(axes.size), axes] += fraction
-    if brick.smooth:
-        return positions, gradients_at(brick, positions)
-    nodes = brick.gradients.reshape(-1, 3)
-    near_gradient = nodes[samples]
-    gradients = near_gradient + fraction[:, None] * (nodes[far] - near_gradient)
-    return positions, gradients
-
-
-def _take_roots(
-    brick: BrickSamples,
-    isovalue: float,
-    lowers: F64,
-    axes: I64,
-    low_inside: npt.NDArray[np.bool_],
-    fraction: F64,
-) -> None:
-    """Replace the roots of the linear interpolant by those of the spline, in place."""
-    from isosample.surfaces.root_kernels import edge_roots
-
-    np.clip(fraction, 0.0, 1.0, out=fraction)
-    starts = lowers + brick.origin
-    edge_roots(brick.coefficients, brick.kernel, isovalue, starts, axes, low_inside, fraction)
-
-
-def _centre_vertices(
-    cells: _ActiveCells,
-    numbers: I64,
-    vertex_of_name: I32,
-    positions: F64,
-    gradients: F64,
-    shape: tuple[int, ...],
-) -> tuple[F64, F64]:
-    """Means of the positions (rounded) and gradients around every centre vertex, ordered by cell."""
-    around = case_table().centre_edges[cells.cases]
-    rows = np.flatnonzero(around.any(axis=1))
-    around, samples = around[rows], cells.samples[rows]
-    first_corner = _coordinates(samples, shape)[::-1].T.astype(np.float64)
-    offset, gradient = np.zeros((rows.size, 3)), np.zeros((rows.size, 3))
-    for edge in range(EDGES):  # a fixed order of sums: the same bits in every brick
-        has = np.flatnonzero(around[:, edge])
-        vertex = vertex_of_name[samples[has] + numbers[edge]]
-        offset[has] += positions[vertex] - first_corner[has]
-        gradient[has] += gradients[vertex]
-    count = around.sum(axis=1, keepdims=True)
-    return first_corner + np.rint(offset / count * POSITION_STEPS) / POSITION_STEPS, gradient / count
-
-
-def _corner_offsets(shape: tuple[int, ...]) -> I64:
-    """(8,) int64, linear index of each corner of a cell relative to the first."""
-    corner = np.arange(8)
-    offsets: I64 = (corner & 1) + shape[2] * ((corner >> 1 & 1) + shape[1] * (corner >> 2))
-    return offsets
-
-
-def _coordinates(linear: I64, shape: tuple[int, ...]) -> I64:
-    """(3, N) int64, rows z, y, x of linear indices."""
-    return np.stack(np.unravel_index(linear, shape))
-
-
-def _linear_index(coordinates: I64, shape: tuple[int, ...]) -> I64:
-    z, y, x = coordinates
-    linear: I64 = x + shape[2] * (y + shape[1] * z)
-    return linear
+def _rounded(coordinates: F64) -> F64:
+    """Return the nearest multiples of 2**-19."""
+    rounded: F64 = np.rint(coordinates * POSITION_STEPS) / POSITION_STEPS
+    return rounded

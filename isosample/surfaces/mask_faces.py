@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.volume.lazy import chunks_of, lazily
 
 if TYPE_CHECKING:
     from isosample.volume.grid import SampleArray, Volume
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 I32 = npt.NDArray[np.int32]
 I8 = npt.NDArray[np.int8]
 Bool = npt.NDArray[np.bool_]
+
+SLAB_BYTES = 16 << 20  # samples that are looked at together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,11 +59,27 @@ class MaskFaces:
         """Border of the valid cells, or None where every sample is finite: then the box is the border."""
         if sum(volume.nonfinite_counts) == 0:
             return None
-        valid = valid_cells(volume.array)
-        parts = [_faces_across(axis, valid, volume.array) for axis in range(3)]
-        starts, outward, values = (np.concatenate(column) for column in zip(*parts, strict=True))
-        axes = np.repeat(np.arange(3, dtype=np.int8), [len(part[0]) for part in parts])
-        return cls(starts=starts, axes=axes, outward=outward, values=values)
+        array = lazily(volume.array)
+        cells = array.shape[0] - 1
+        step = max(chunks_of(array)[0], SLAB_BYTES // max(1, array[0].nbytes))
+        parts: list[list[tuple[I32, I8, SampleArray]]] = [[], [], []]
+        for low in range(0, cells, step):
+            high = min(low + step, cells)
+            first = max(low - 1, 0)  # cells on both sides of the slab tell where its faces are
+            samples = array[first : min(high + 1, cells) + 1]
+            valid = valid_cells(samples)
+            for axis in range(3):
+                starts, outward, values = _faces_across(axis, valid, samples)
+                starts[:, 2] += first
+                last = high + (axis == 2 and high == cells)
+                own = (low <= starts[:, 2]) & (starts[:, 2] < last)
+                parts[axis].append((starts[own], outward[own], values[own]))
+        columns = zip(*itertools.chain(*parts), strict=True)
+        all_starts, all_outward, all_values = (np.concatenate(column) for column in columns)
+        axes = np.repeat(
+            np.arange(3, dtype=np.int8), [sum(len(part[0]) for part in found) for found in parts]
+        )
+        return cls(starts=all_starts, axes=axes, outward=all_outward, values=all_values)
 
 
 def valid_cells(samples: SampleArray) -> Bool:

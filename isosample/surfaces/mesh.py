@@ -34,7 +34,7 @@ class BrickMesh:
     start : 3 ints
         First sample (x, y, z) of the brick.
     positions : (V, 3) float32
-        Index coordinates (x, y, z) relative to `start` [voxel], multiples of 2**-17: the same point has the
+        Index coordinates (x, y, z) relative to `start` [voxel], multiples of 2**-19: the same point has the
         same coordinates in every brick and for every brick size, bit for bit.
     gradients : (V, 3) float32
         Derivative of the field per sample step along x, y, z [data units / voxel], not normalised.

@@ -120,4 +120,18 @@ def measure(
         curved_rms=math.sqrt(curved * weight),
         curved_largest=curved_largest,
     )
-    return residuals.astype(np.float32), error
+    return round_residuals(residuals), error
+
+
+def round_residuals(residuals: F64) -> F32:
+    """Return numbers >= 0 as float32 of 8 bits of mantissa besides the leading one, rounded up: what a cache keeps.
+
+    They grow by less than 2^-8 of themselves; numbers too large for float32 become infinite.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        nearest = residuals.astype(np.float32)
+        low = nearest.astype(np.float64) < residuals
+        nearest[low] = np.nextafter(nearest[low], np.float32(np.inf))
+    bits = nearest.view(np.uint32)
+    rounded: F32 = (bits + np.uint32(0x7FFF) & np.uint32(0xFFFF8000)).view(np.float32)
+    return rounded

@@ -92,7 +92,7 @@ def _children(mesh: NamedMesh, edges: I64, edge_of_side: I64, places: F64, divid
     """Return the triangles after division, new vertices numbered by the divided edges in their order.
 
     Edges inside cells whose division gives a triangle without area are left whole: `divided` is changed. Two
-    vertices 2**-14 voxel apart, around a sample that equals the isovalue, may have the same nearest point. Both
+    vertices 2**-19 voxel apart, around a sample that equals the isovalue, may have the same nearest point. Both
     triangles at such an edge lie in its cell, so that they and every brick come to the same decision.
     """
     ends, count = mesh.positions[edges], len(mesh.positions)

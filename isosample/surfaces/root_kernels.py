@@ -24,7 +24,7 @@ Four = tuple[float, float, float, float]
 LARGEST_SHIFT = 0.5  # of an edge's length: an edge whose isosurface is farther from its middle stays whole
 TINY = 1e-300
 STEEPEST = 0.5  # least sine of the angle between gradient and edge: across it the isosurface must lie
-ROOT_STEP = 2.0**-24  # a root is found when it moves by less [voxel]; positions are rounded to 2**-17
+ROOT_STEP = 2.0**-24  # a root is found when it moves by less [voxel]; positions are rounded to 2**-19
 ROOT_ROUNDS = 80  # bisection alone needs 24 + 1
 
 
@@ -140,7 +140,7 @@ def distance_along(
 
 @compiled
 def room(place: float, direction: float) -> float:
-    """How far one may go along one coordinate inside a cell, of which a border of 2**-14 is left free."""
+    """How far one may go along one coordinate inside a cell, of which a border of 2**-19 is left free."""
     if direction > 0.0:
         return max(1.0 - SMALLEST_FRACTION - place, 0.0) / direction
     if direction < 0.0:
@@ -150,8 +150,16 @@ def room(place: float, direction: float) -> float:
 
 @compiled
 def rounded(coordinate: float) -> float:
-    """Return the nearest multiple of 2**-17, ties to even."""
+    """Return the nearest multiple of 2**-19, ties to even."""
     return round(coordinate * POSITION_STEPS) / POSITION_STEPS
+
+
+@compiled
+def middle(a: float, b: float) -> float:
+    """Fraction halfway between two in a cell, rounded; on a grid plane only where both are."""
+    if a == b:
+        return a
+    return min(max(rounded(0.5 * a + 0.5 * b), SMALLEST_FRACTION), 1.0 - SMALLEST_FRACTION)
 
 
 @compiled
@@ -294,8 +302,9 @@ def divide_edges(
     """Decide which edges (E, 2) of a mesh are divided, and where their new vertices lie.
 
     An edge is divided if its middle is farther than `tolerance` [voxel] from the isosurface (to first order) and
-    the isosurface is found at right angles to the edge, at most half its length away and inside the cell. An edge
-    on a grid plane keeps its vertex on the plane. All depends on the two ends alone, in either order.
+    the isosurface is found at right angles to the edge, at most half its length away and inside the cell: an edge
+    that is shorter than 2 tolerances stays whole. An edge on a grid plane keeps its vertex on the plane. All depends
+    on the two ends alone, in either order.
     """
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
@@ -304,15 +313,17 @@ def divide_edges(
             positions[b, 1] - positions[a, 1],
             positions[b, 2] - positions[a, 2],
         )
+        if size(edge) <= tolerance / LARGEST_SHIFT:
+            continue
         cell = (
             math.floor(min(positions[a, 0], positions[b, 0])),
             math.floor(min(positions[a, 1], positions[b, 1])),
             math.floor(min(positions[a, 2], positions[b, 2])),
         )
         place = (
-            rounded(0.5 * (positions[a, 0] - cell[0]) + 0.5 * (positions[b, 0] - cell[0])),
-            rounded(0.5 * (positions[a, 1] - cell[1]) + 0.5 * (positions[b, 1] - cell[1])),
-            rounded(0.5 * (positions[a, 2] - cell[2]) + 0.5 * (positions[b, 2] - cell[2])),
+            middle(positions[a, 0] - cell[0], positions[b, 0] - cell[0]),
+            middle(positions[a, 1] - cell[1], positions[b, 1] - cell[1]),
+            middle(positions[a, 2] - cell[2], positions[b, 2] - cell[2]),
         )
         there = shifted(cell, origin)
         value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, there, place)

@@ -31,7 +31,7 @@ class ExtractionSettings:
     Attributes
     ----------
     brick_cells : int
-        Cells per brick along each axis, 1 to 128.
+        Cells per brick along each axis, 1 to 32.
     nan_masked : bool
         Whether cells with a non-finite corner are left out; otherwise such samples are an error.
     reconstruction : Reconstruction

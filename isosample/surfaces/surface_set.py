@@ -36,6 +36,8 @@ class ExtractionStatistics:
         Per level, summed over the bricks; a vertex that bricks share counts in each.
     levels_reused : int
         Levels that came from a cache and were not extracted.
+    chunks_reused : int
+        (brick, isovalue) pairs that came from a cache, of levels that did so wholly or in part.
     """
 
     bricks_total: int
@@ -44,6 +46,7 @@ class ExtractionStatistics:
     triangles: tuple[int, ...]
     vertices: tuple[int, ...]
     levels_reused: int = 0
+    chunks_reused: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.volume.lazy import LazySamples, blocks_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -155,7 +156,8 @@ class Volume:
     Parameters
     ----------
     array : (Z, Y, X) integer or floating point
-        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped.
+        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped, or
+        `LazySamples`, which stay in their file until they are sliced.
     spacing : 3 floats
         Distance between samples along x, y, z [world], > 0.
     origin : 3 floats
@@ -191,7 +193,7 @@ class Volume:
 
     def __post_init__(self) -> None:
         array = self.array
-        if not isinstance(array, np.ndarray):
+        if not isinstance(array, np.ndarray | LazySamples):
             raise InputError(
                 f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
             )
@@ -242,12 +244,10 @@ class Volume:
         InputError
             If no sample is finite, or integers are so large that float64 no longer tells neighbours apart.
         """
-        low, high = np.inf, -np.inf
-        for block in self.blocks():
-            if self.array.dtype.kind == "f":
-                block = block[np.isfinite(block)]
-            if block.size:
-                low, high = min(low, float(block.min())), max(high, float(block.max()))
+        return self.checked_range(*self._seen[:2])
+
+    def checked_range(self, low: float, high: float) -> tuple[float, float]:
+        """Return the range of the samples, or raise as `value_range` does."""
         if low > high:
             raise InputError(f"{self.name} has no finite sample; there is nothing to render.")
         if self.array.dtype.kind in "iu" and max(-low, high) > EXACT_INTEGERS:
@@ -260,24 +260,43 @@ class Volume:
     @cached_property
     def nonfinite_counts(self) -> tuple[int, int]:
         """Number of NaN samples and number of infinite samples."""
-        if self.array.dtype.kind != "f":
-            return 0, 0
-        nan_count = infinity_count = 0
+        return self._seen[2:] if self.array.dtype.kind == "f" else (0, 0)
+
+    @cached_property
+    def _seen(self) -> tuple[float, float, int, int]:
+        """Smallest and largest finite sample, or (inf, -inf), and the number of NaN and infinite samples."""
+        low, high, nan_count, infinity_count = np.inf, -np.inf, 0, 0
         for block in self.blocks():
-            nan_count += int(np.count_nonzero(np.isnan(block)))
-            infinity_count += int(np.count_nonzero(np.isinf(block)))
-        return nan_count, infinity_count
+            ends = np.array([block.min(), block.max()], dtype=np.float64)  # these carry NaN through
+            if not np.isfinite(ends).all():
+                nan_count += int(np.count_nonzero(np.isnan(block)))
+                infinity_count += int(np.count_nonzero(np.isinf(block)))
+                finite = block[np.isfinite(block)]
+                ends = np.array([finite.min(initial=np.inf), finite.max(initial=-np.inf)], dtype=np.float64)
+            low, high = min(low, float(ends[0])), max(high, float(ends[1]))
+        return low, high, nan_count, infinity_count
 
     def in_index_frame(self) -> Volume:
         """Return the same samples in the volume's own axes: spacing kept, origin and direction dropped."""
         return Volume(self.array, spacing=self.spacing, name=self.name)
 
+    @property
+    def stays_in_file(self) -> bool:
+        """Whether the samples are read when they are sliced; false also for a memory-mapped array."""
+        return isinstance(self.array, LazySamples)
+
+    def in_memory(self) -> Volume:
+        """Return the same volume with its samples in memory, in their own type; memory-mapped ones stay mapped."""
+        if not isinstance(self.array, LazySamples):
+            return self
+        loaded = Volume(np.asarray(self.array), self.spacing, self.origin, self.direction, self.name)
+        known = {name: vars(self)[name] for name in ("value_range", "nonfinite_counts") if name in vars(self)}
+        vars(loaded).update(known)
+        return loaded
+
     def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
-        """Yield slabs of whole z slices of about `block_bytes`, so that a memory-mapped file is read once."""
-        slice_bytes = max(1, self.array[0].nbytes)
-        step = max(1, block_bytes // slice_bytes)
-        for z in range(0, self.array.shape[0], step):
-            yield np.asarray(self.array[z : z + step])
+        """Yield blocks of about `block_bytes` that hold every sample once, each part of a file being read once."""
+        return blocks_of(self.array, block_bytes)
 
 
 def _three_floats(values: object, what: str) -> tuple[float, float, float]:

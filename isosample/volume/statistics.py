@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.volume.lazy import chunks_of, lazily
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 BIN_PER_VALUE = 4096  # an integer volume whose values span no more gets one bin per value
 BLOCK_BYTES = 8 << 20  # counting widens samples to 8 bytes: blocks of one-byte samples grow to 64 MiB
+LARGEST_ROW = 256 << 20  # bytes of slices that are read together where a file keeps them together
 GRADIENT_CELLS = 2_000_000  # cells looked at for typical gradients; their median is then known to about 0.1 %
 
 
@@ -98,12 +100,26 @@ def _sampled_cells(volume: Volume) -> Iterator[tuple[F64, F64, F64]]:
     stride = 1
     while math.prod(math.ceil(count / stride) for count in cells) > GRADIENT_CELLS:
         stride += 1
-    for z in range(0, cells[0], stride):
-        corners = _corners(np.asarray(volume.array[z : z + 2]), stride)
+    for slices in _slice_pairs(volume, range(0, cells[0], stride)):
+        corners = _corners(slices, stride)
         corners = corners[..., np.isfinite(corners).all(axis=(0, 1, 2))]
         steps = [np.diff(corners, axis=axis).mean(axis=(0, 1, 2)) for axis in range(3)]
         magnitude: F64 = np.linalg.norm(steps, axis=0)
         yield corners.min(axis=(0, 1, 2)), corners.max(axis=(0, 1, 2)), magnitude
+
+
+def _slice_pairs(volume: Volume, places: range) -> Iterator[SampleArray]:
+    """Yield the slices z and z + 1 for ascending z; of a file, those in one row of its chunks are read together."""
+    samples = lazily(volume.array)
+    depth = chunks_of(samples)[0]
+    slice_bytes = math.prod(samples.shape[1:]) * samples.dtype.itemsize
+    for _, group in itertools.groupby(places, key=lambda z: z // depth):
+        together = list(group)
+        if depth == 1 or depth * slice_bytes > LARGEST_ROW:
+            yield from (np.asarray(samples[z : z + 2]) for z in together)
+            continue
+        block = samples[together[0] : together[-1] + 2]
+        yield from (block[z - together[0] : z - together[0] + 2] for z in together)
 
 
 def _corners(slices: SampleArray, stride: int) -> F64:

@@ -45,7 +45,8 @@ vec4 resolve_pixel(ivec2 pixel) {
     uint head = heads[in_tile.y * frame.tile_size.x + in_tile.x];
     uint length = list_length(head);
     vec2 inside = box_of_ray(origin);
-    bool through_box = inside.x < inside.y;
+    // Where nothing is visible, lists may lack crossings (culling.py), and need not be walked.
+    bool through_box = inside.x < inside.y && max(inside.x, walk.visible_start) <= min(inside.y, walk.visible_end);
     if (through_box || frame.box_faces == 0) {
         bool in_array = length <= uint(SORT_CAPACITY);
         if (in_array) sort_into_array(head);

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +22,7 @@ def vertices_of(path: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.asarray(mesh.vertices, dtype=np.float64)
 
 
-@pytest.mark.parametrize("suffix", ["ply", "glb", "stl", "obj"])
+@pytest.mark.parametrize("suffix", ["ply", "glb", "stl", "obj", "vtp"])
 @pytest.mark.usefixtures("cache")
 def test_a_volume_and_its_cache_give_the_same_file(run: Run, folder: Path, suffix: str) -> None:
     from_volume = run(f"export blob.npy --isovalue 50 -o volume.{suffix}")
@@ -48,6 +50,58 @@ def test_vertices_lie_in_the_box_in_world_units(run: Run, suffix: str) -> None:
         reach = np.sqrt(np.log(2) / 2) * centre
         assert low == pytest.approx(centre - reach, abs=spacing)
         assert high == pytest.approx(centre + reach, abs=spacing)
+
+
+def test_json_tells_what_the_table_tells(run: Run, folder: Path) -> None:
+    told = json.loads(run("export blob.npy --isovalue 50 -o out.vtp --json").out)
+    fields = run("export blob.npy --isovalue 50 -o out.vtp").fields()
+    assert told["mesh"] == "out.vtp"
+    assert told["bytes"] == (folder / "out.vtp").stat().st_size
+    assert told["isovalue"] == 50
+    for name in ("vertices", "triangles", "open_edges"):
+        assert str(told[name]) == fields[name.replace("_", " ")].replace(" ", "")
+    assert told["open_edges"] == 0  # the blob lies inside the volume
+    assert "simplification" not in told
+
+
+def test_a_simplified_mesh_tells_its_distance(run: Run) -> None:
+    pytest.importorskip("pymeshlab")
+    whole = json.loads(run("export blob.npy --isovalue 50 -o whole.ply --json").out)
+    told = json.loads(run("export blob.npy --isovalue 50 --simplify 0.5 -o half.ply --json").out)
+    done = told["simplification"]
+    assert done["triangles_before"] == whole["triangles"]
+    assert told["triangles"] == pytest.approx(0.5 * whole["triangles"], abs=2)
+    assert (0 < done["rms_voxels"] < done["hausdorff_voxels"] < 1) is True
+    assert told["open_edges"] == 0
+    fields = run("export blob.npy --isovalue 50 --max-deviation 0.2 -o near.ply").fields()
+    assert float(fields["Hausdorff distance"].split()[0]) <= 0.2
+    assert int(fields["triangles"].replace(" ", "")) < whole["triangles"]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ("--simplify 1", "must be below 1"),
+        ("--simplify 0", "must be above 0"),
+        ("--max-deviation -1", "must be above 0"),
+        ("--simplify 0.5 --max-deviation 1", "not allowed with"),
+    ],
+)
+def test_impossible_simplifications_are_refused(run: Run, folder: Path, options: str, told: str) -> None:
+    outcome = run(f"export blob.npy --isovalue 50 {options} -o out.ply")
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert not (folder / "out.ply").exists()
+
+
+def test_a_missing_pymeshlab_is_told_before_anything_is_written(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", None)
+    outcome = run("export blob.npy --isovalue 50 --simplify 0.5 -o out.ply")
+    assert outcome.status == 2
+    assert 'pip install "isosample[simplify]"' in outcome.err
+    assert not (folder / "out.ply").exists()
 
 
 def test_a_negative_isovalue_needs_no_equals_sign(run: Run) -> None:

@@ -304,7 +304,7 @@ CACHES = {
     "another version": Wrong(
         "export meshes --isovalue 50 -o out.ply",
         ("volume.json", "version 7"),
-        altered("volume.json", b'"version": 2', b'"version": 7'),
+        altered("volume.json", b'"version": 3', b'"version": 7'),
     ),
     "an altered volume.json": Wrong(
         "export meshes --isovalue 50 -o out.ply",
@@ -329,6 +329,12 @@ PICTURES_OF_CACHES = {
     ),
     "a surface that is incomplete": Wrong(
         "render meshes -o out.png", ("surfaces/", "damaged"), cut("surfaces/*")
+    ),
+    "a chunk that is missing": Wrong(
+        "render meshes -o out.png", (".chunk is missing", "isosample precompute"), removed("chunks/*/*")
+    ),
+    "a chunk that is incomplete": Wrong(
+        "render meshes -o out.png", (".chunk is damaged", "isosample precompute"), cut("chunks/*/*")
     ),
     "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "missing"), removed("scene.json")),
     "isovalues that are not there": Wrong(

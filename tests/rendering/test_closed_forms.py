@@ -75,7 +75,7 @@ def ramp_picture(
 
     expected = linear_slab(optics(start), optics(end), length) * hit[..., None]
     # Distances: about 12 roundings on numbers up to `reach`; a face or plane that the ray meets under a small
-    # angle magnifies them by 1 / cosine. Vertices lie on multiples of 2^-17 voxel, so a crossing has a value
+    # angle magnifies them by 1 / cosine. Vertices lie on multiples of 2^-19 voxel, so a crossing has a value
     # wrong by 2^-18 steps; both act on an optical depth and on colours in [0, 1] (factor 2 each).
     reach = float(np.linalg.norm(np.asarray(camera.eye) - volume.box.centre)) + volume.box.radius
     edges = volume.box.edges / np.linalg.norm(volume.box.edges, axis=1, keepdims=True)

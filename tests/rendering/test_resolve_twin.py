@@ -24,11 +24,13 @@ from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
+from rendering.scenes import box_interval, clip_interval
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import moderngl
+    import numpy.typing as npt
 
     from isosample.rendering.fragment_lists import FragmentLists
     from isosample.surfaces.extract import SurfaceSet
@@ -131,6 +133,18 @@ def expected_picture(
     )
 
 
+def shows_something(
+    surfaces: SurfaceSet, camera: Camera, plane: tuple[float, float, float, float]
+) -> npt.NDArray[np.bool_]:
+    """Whether the plane leaves something of a pixel's way through the box."""
+    rays = camera.rays(SIZE[0] / SIZE[1]).origins_and_directions(*SIZE)
+    origins, directions = (part.reshape(-1, 3) for part in rays)
+    start, end = box_interval(surfaces.geometry.box, origins, directions)
+    start, end = clip_interval(start, end, origins, directions, [plane])
+    shown: npt.NDArray[np.bool_] = start <= end
+    return shown
+
+
 def tolerance_of(camera: Camera, surfaces: SurfaceSet) -> float:
     """At most 30 segments, each with 8 roundings of distances up to the reach times extinctions up to 0.9, and of
     colours; and the quadrature.
@@ -175,9 +189,10 @@ def test_every_pixel_is_the_float64_integral_of_its_list(
     wrong = error > tolerance_of(camera, surfaces)
     assert wrong.mean() < 0.01, f"{wrong.sum()} pixels, {error.max()}"
     assert (expected.rgba[:, 3] > 0.1).mean() > 0.1
-    assert statistics.band_violations == expected.violations.sum()
-    assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced)
-    assert statistics.reordered_fragments == expected.reordered.sum()
+    seen = shows_something(surfaces, camera, plane)  # the GPU walks no other ray
+    assert statistics.band_violations == expected.violations[seen].sum()
+    assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced[seen])
+    assert statistics.reordered_fragments == expected.reordered[seen].sum()
     assert (statistics.reordered_fragments > 0) == (scene in (rough_scene, smooth_scene))
 
 

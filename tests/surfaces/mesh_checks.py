@@ -40,7 +40,7 @@ def extract_mesh(
     volume: Volume,
     isovalue: float,
     *,
-    brick_cells: int = 64,
+    brick_cells: int = 32,
     nan_masked: bool = False,
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     refine: int = 1,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 EPS = SMALLEST_FRACTION
 ROUNDING = 0.5 / POSITION_STEPS
+SHARED = 2.0**-15  # rounding of a gradient to a shared exponent, of its largest component
 F64 = npt.NDArray[np.float64]
 
 
@@ -41,7 +42,7 @@ def sphere(radius: float, size: int, h: float = 1.0) -> Volume:
     )
 
 
-@pytest.mark.parametrize("brick_cells", [3, 64])
+@pytest.mark.parametrize("brick_cells", [3, 32])
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_full_of_saddles_is_watertight(seed: int, brick_cells: int) -> None:
     mesh = extract_mesh(Volume(closed_noise(seed)), 0.2, brick_cells=brick_cells)
@@ -145,9 +146,7 @@ def test_a_vertex_inside_a_cell_is_the_mean_of_its_neighbours() -> None:
         mean = mesh.positions[ring].astype(np.float64).mean(axis=0)
         assert np.abs(mesh.positions[vertex] - mean).max() <= ROUNDING + 2.0**-50
         gradient = mesh.gradients[ring].astype(np.float64).mean(axis=0)
-        assert (
-            np.abs(mesh.gradients[vertex] - gradient).max() <= 2.0**-23 * np.abs(mesh.gradients[ring]).max()
-        )
+        assert np.abs(mesh.gradients[vertex] - gradient).max() <= SHARED * np.abs(gradient).max() + 2.0**-50
         x, y, z = np.floor(mesh.positions[vertex]).astype(np.int64)
         size_x, size_y, _ = volume.size_xyz
         assert mesh.edge_keys[vertex] - 3 * volume.array.size == x + size_x * (y + size_y * z)
@@ -185,7 +184,7 @@ def test_geometry_does_not_depend_on_the_bricks(dtype: type[np.generic]) -> None
         Volume(array, spacing=(0.3, 0.7, 1.1), origin=(5.0, -3.0, 0.1)),
         3.0 if dtype is np.uint8 else 0.1,
     )
-    whole, parts = extract_mesh(volume, level, brick_cells=128), extract_mesh(volume, level, brick_cells=8)
+    whole, parts = extract_mesh(volume, level, brick_cells=32), extract_mesh(volume, level, brick_cells=8)
     assert np.array_equal(whole.vertices, parts.vertices)
     assert np.array_equal(whole.gradients, parts.gradients)
     ordered = [mesh.triangles[np.lexsort(mesh.triangles.T)] for mesh in (whole, parts)]
@@ -225,12 +224,14 @@ def test_the_gradient_of_a_ramp_is_exact_at_a_spacing_of_1_to_10() -> None:
     x, y, z = index_grid((12, 9, 10))
     field = sum(g * s * axis for g, s, axis in zip(world_gradient, spacing, (x, y, z), strict=True))
     mesh = extract_mesh(Volume(np.asarray(field), spacing=spacing), -3.05, brick_cells=4)
-    # float32 gradients: relative 2**-24 of the largest index gradient, 2.0, over the smallest spacing
-    assert np.abs(mesh.gradients - world_gradient).max() <= 2.0**-24 * 2.0 / 0.1 * 2
+    # relative 2**-15 of the largest index gradient, 2.0, over each spacing
+    assert (np.abs(mesh.gradients - world_gradient) <= SHARED * 2.0 / np.array(spacing)).all()
     height = mesh.vertices @ world_gradient + 3.05
     assert np.abs(height).max() <= np.abs(world_gradient * spacing).max() * (EPS + ROUNDING)
     normal = -world_gradient / np.linalg.norm(world_gradient)
-    assert np.abs(mesh.normals - normal).max() < 1e-5
+    # a normal turns by no more than the error of the gradient over its length
+    turn = np.linalg.norm(SHARED * 2.0 / np.array(spacing)) / np.linalg.norm(world_gradient)
+    assert np.abs(mesh.normals - normal).max() < turn
 
 
 def test_normals_of_a_sphere_are_radial_at_a_spacing_of_1_to_10() -> None:
@@ -317,9 +318,9 @@ def test_isovalues_out_of_order_are_refused(isovalues: Any, message: str) -> Non
         extract_surfaces(Volume(np.zeros((2, 2, 2))), isovalues)
 
 
-@pytest.mark.parametrize("brick_cells", [0, 129])
+@pytest.mark.parametrize("brick_cells", [0, 33])
 def test_brick_sizes_that_float32_cannot_hold_are_refused(brick_cells: int) -> None:
-    with pytest.raises(InputError, match="1 to 128"):
+    with pytest.raises(InputError, match="1 to 32"):
         extract_surfaces(Volume(np.zeros((2, 2, 2))), [0.5], brick_cells=brick_cells)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import struct
@@ -9,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from mesh_checks import closed_noise, enclosed_volume, extract_mesh
+from mesh_checks import F64, closed_noise, enclosed_volume, extract_mesh
 
 from isosample.errors import InputError
-from isosample.surfaces.export import export_mesh
+from isosample.surfaces.export import export_mesh, open_edge_count
 from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
@@ -70,9 +71,65 @@ def test_a_glb_file_holds_the_normals(tmp_path: Path) -> None:
     assert np.abs(normals - mesh.normals).max() <= 2.0**-23  # unit vectors in float32, normalised again
 
 
+def vtp_arrays(path: Path) -> dict[str, F64]:
+    """Arrays of a .vtp file, read by its own description alone."""
+    head, _, rest = path.read_bytes().partition(b'<AppendedData encoding="base64">\n_')
+    appended = rest[: rest.index(b"\n</AppendedData>")]
+    arrays = {}
+    for kind, name, offset in re.findall(
+        rb'type="(\w+)" Name="(\w+)"[^>]* format="appended" offset="(\d+)"', head
+    ):
+        place = int(offset)
+        (size,) = struct.unpack("<Q", base64.b64decode(appended[place : place + 12])[:8])
+        block = base64.b64decode(appended[place : place + 4 * -(-(size + 8) // 3)])
+        dtype = np.dtype({b"Float64": "<f8", b"Float32": "<f4", b"Int32": "<i4", b"Int64": "<i8"}[kind])
+        arrays[name.decode()] = np.frombuffer(block[8 : 8 + size], dtype=dtype).astype(np.float64)
+    return arrays
+
+
+@pytest.mark.parametrize("block", [24, 3 << 20])
+def test_a_vtp_file_holds_the_mesh_bit_for_bit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    monkeypatch.setattr("isosample.surfaces.vtp.BLOCK_BYTES", block)
+    mesh, path = noise_mesh(), tmp_path / "surface.vtp"
+    export_mesh(mesh, path)
+    arrays = vtp_arrays(path)
+    assert np.array_equal(arrays["Points"].reshape(-1, 3), mesh.vertices)
+    assert np.array_equal(arrays["Normals"].reshape(-1, 3), mesh.normals.astype(np.float32))
+    assert np.array_equal(arrays["connectivity"].reshape(-1, 3), mesh.triangles)
+    assert np.array_equal(arrays["offsets"], 3 * np.arange(1, len(mesh.triangles) + 1))
+
+
+def test_vtk_reads_a_vtp_file(tmp_path: Path) -> None:
+    reading = pytest.importorskip("vtkmodules.vtkIOXML")
+    numpy_support = pytest.importorskip("vtkmodules.util.numpy_support")
+    mesh, path = noise_mesh(), tmp_path / "surface.vtp"
+    export_mesh(mesh, path)
+    reader = reading.vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    read = reader.GetOutput()
+    points = numpy_support.vtk_to_numpy(read.GetPoints().GetData())
+    normals = numpy_support.vtk_to_numpy(read.GetPointData().GetNormals())
+    corners = numpy_support.vtk_to_numpy(read.GetPolys().GetConnectivityArray())
+    assert np.array_equal(points, mesh.vertices)
+    assert np.array_equal(normals, mesh.normals.astype(np.float32))
+    assert np.array_equal(corners.reshape(-1, 3), mesh.triangles)
+    assert read.GetFieldData().GetArray("isovalue").GetValue(0) == mesh.isovalue
+
+
+def test_open_edges_are_counted() -> None:
+    mesh = noise_mesh()
+    assert open_edge_count(mesh.triangles) == 0
+    assert open_edge_count(mesh.triangles[1:]) == 3
+    assert open_edge_count(mesh.triangles[:0]) == 0
+    assert open_edge_count(np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])) == 7  # one side in three triangles
+
+
 @pytest.mark.parametrize("name", ["surface.xyz", "surface"])
 def test_an_unknown_suffix_is_refused_with_the_list(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InputError, match=r"\.ply, \.glb, \.stl, \.obj"):
+    with pytest.raises(InputError, match=r"\.ply, \.glb, \.stl, \.obj, \.vtp"):
         export_mesh(noise_mesh(), tmp_path / name)
     assert not list(tmp_path.iterdir())
 

@@ -109,7 +109,7 @@ def trilinear(samples: F64, points: F64) -> F64:
 def test_new_vertices_lie_on_the_trilinear_isosurface() -> None:
     """A vertex is rounded by at most half a step along each axis; the field there changes by no more."""
     samples = closed_noise(5, size=10)
-    (mesh,) = extract_surfaces(Volume(samples), [0.2], brick_cells=128, refine=4).meshes
+    (mesh,) = extract_surfaces(Volume(samples), [0.2], brick_cells=32, refine=4).meshes
     new = mesh.positions[mesh.edge_keys < 0].astype(np.float64)
     assert len(new) > 10_000
     steepest = sum(np.abs(np.diff(samples[1:-1, 1:-1, 1:-1], axis=axis)).max() for axis in range(3))
@@ -126,7 +126,8 @@ def test_gradients_of_new_vertices_are_interpolated_differences() -> None:
     px, py, pz = mesh.positions[new].astype(np.float64).T
     exact = np.stack([py + 0.25 * pz, px - 0.5 * pz, -0.5 * py + 0.25 * px + 1.0], axis=1)
     assert np.count_nonzero(new) > 100
-    assert np.abs(mesh.gradients[new] - exact).max() <= 2.0**-23 * np.abs(exact).max()
+    # rounded to a shared exponent: by 2**-15 of the largest component
+    assert np.abs(mesh.gradients[new] - exact).max() <= (2.0**-15 + 2.0**-23) * np.abs(exact).max()
 
 
 def ball(n: int, radius: float) -> Volume:
@@ -158,7 +159,7 @@ def test_no_edge_is_divided_where_the_mesh_is_near_enough() -> None:
     """The largest distance of an edge's middle after 3 rounds is within the tolerance, on a field with one sheet."""
     radius = 6.3
     (mesh,) = extract_surfaces(
-        ball(15, radius), [0.0], refine=8, reconstruction=Reconstruction.CUBIC, brick_cells=128
+        ball(15, radius), [0.0], refine=8, reconstruction=Reconstruction.CUBIC, brick_cells=32
     ).meshes
     sides = mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     middles = mesh.positions.astype(np.float64)[sides].mean(axis=1) - 7.0
@@ -186,7 +187,7 @@ def test_refined_triangles_face_falling_values() -> None:
     volume = smoothed_noise()
     shares = []
     for refine in (1, 2, 4):
-        (mesh,) = extract_surfaces(volume, [0.1], refine=refine, brick_cells=128).meshes
+        (mesh,) = extract_surfaces(volume, [0.1], refine=refine, brick_cells=32).meshes
         corners = mesh.positions.astype(np.float64)[mesh.triangles]
         centroids = corners.mean(axis=1)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import itertools
 import json
-from typing import TYPE_CHECKING, Any
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,13 +25,12 @@ from isosample.surfaces.cache import (
     write_cache,
 )
 from isosample.surfaces.extract import SurfaceSet, extract_surfaces
+from isosample.surfaces.store import MeshStore
+from isosample.surfaces.surface_files import listed_key, read_rows, write_rows
 from isosample.transfer.isovalues import IsovaluePlan, plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def scene_volume(seed: int = 0) -> Volume:
@@ -151,7 +157,10 @@ def test_only_missing_isovalues_are_extracted(tmp_path: Path) -> None:
     assert first.statistics.levels_reused == 0
     files = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.*")}
     second = extract_with_cache(volume, [0.0, 0.25, 0.5, 99.0], tmp_path, brick_cells=4)
-    assert second.statistics.levels_reused == 2
+    assert second.statistics.levels_reused == 3  # nothing has the value 99: there is nothing to extract
+    alone = extract_surfaces(volume, [0.25], brick_cells=4).statistics
+    assert second.statistics.brick_visits == alone.brick_visits > 0
+    assert second.statistics.chunks_reused == len(first.meshes)
     assert_same_bits(second, extract_surfaces(volume, [0.0, 0.25, 0.5, 99.0], brick_cells=4))
     assert {path: path.stat().st_mtime_ns for path in files} == files
     third = extract_with_cache(volume, [0.0, 0.25, 0.5, 99.0], tmp_path, brick_cells=4)
@@ -258,10 +267,10 @@ def test_swapped_surface_files_are_found(tmp_path: Path) -> None:
 def test_a_scene_pins_the_arrays_it_was_written_with(tmp_path: Path) -> None:
     """A well-formed file of the right name and other arrays, as another version of the kernel might write."""
     surfaces = written_scene(tmp_path, scene_volume())
-    from isosample.surfaces.surface_files import surface_key, surface_path, write_surface
-
-    key = surface_key(content_hash(scene_volume()), float(surfaces.isovalues[0]), surfaces.settings)
-    write_surface(surface_path(tmp_path, key), key, surfaces.pieces(1))
+    content, isovalue = content_hash(scene_volume()), float(surfaces.isovalues[0])
+    key = listed_key(tmp_path, content, isovalue, surfaces.settings)
+    rows, _ = read_rows(tmp_path, key, isovalue)
+    write_rows(tmp_path, key, rows[1:])
     with pytest.raises(CacheError, match="payload_sha256"):
         load_cache(tmp_path)
 
@@ -271,7 +280,7 @@ def test_arrays_under_the_header_of_others_are_found(tmp_path: Path) -> None:
     path = min((tmp_path / "surfaces").iterdir())
     with np.load(path) as stored:
         arrays = dict(stored)
-    arrays["positions"][0, 0] += 1.0
+    arrays["rows"][0] ^= 1
     np.savez(path, **arrays)
     with pytest.raises(CacheError, match=f"{path.name} is damaged: its arrays"):
         load_cache(tmp_path)
@@ -281,10 +290,15 @@ def test_arrays_under_the_header_of_others_are_found(tmp_path: Path) -> None:
 def test_another_format_version_is_refused(tmp_path: Path, name: str) -> None:
     written_scene(tmp_path, scene_volume())
     document = json.loads((tmp_path / name).read_text())
-    document["version"] = 1  # before reconstructions
+    document["version"] = 2  # before chunks
     (tmp_path / name).write_text(json.dumps(document))
-    with pytest.raises(CacheError, match=f"{name} has format version 1; this program reads and writes 2"):
+    before = files_of(tmp_path)
+    if name == "volume.json":
+        with pytest.raises(CacheError, match="format version 2"):
+            extract_with_cache(scene_volume(), [0.0], tmp_path)
+    with pytest.raises(CacheError, match=f"{name} has format version 2; this program reads and writes 3"):
         load_cache(tmp_path)
+    assert files_of(tmp_path) == before
 
 
 def test_pickled_arrays_are_never_loaded(tmp_path: Path) -> None:
@@ -294,17 +308,197 @@ def test_pickled_arrays_are_never_loaded(tmp_path: Path) -> None:
         load_cache(tmp_path)
 
 
-def test_an_interrupted_write_leaves_no_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def run_out_of_space(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
+
+def refuse_writing(monkeypatch: pytest.MonkeyPatch, number: int, *, after: int = 0) -> None:
+    """Let `after` more files be written, and refuse all others with an error of the system."""
+    written = itertools.count()
+
+    def replace_or_fail(source: Path, target: Path) -> None:
+        if next(written) >= after:
+            raise OSError(number, os.strerror(number))
+        source.rename(target)
+
+    monkeypatch.setattr("isosample.files.os.replace", replace_or_fail)
+
+
+@pytest.mark.parametrize("after", [0, 1, 9, 27])
+def test_a_full_disk_keeps_what_is_there_and_the_next_run_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
     volume = scene_volume()
-    extract_with_cache(volume, [0.0], tmp_path)
-    before = sorted(tmp_path.rglob("*"))
-    monkeypatch.setattr(np, "savez", run_out_of_space)
-    with pytest.raises(CacheError, match="No space left on device"):
-        extract_with_cache(volume, [0.5], tmp_path)
-    assert sorted(tmp_path.rglob("*")) == before
+    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    before = files_of(tmp_path)
+    with monkeypatch.context() as patch:
+        refuse_writing(patch, errno.ENOSPC, after=after)
+        with pytest.raises(CacheError, match=r"cannot be written: No space left on device.*goes on"):
+            extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+    there = files_of(tmp_path)
+    assert {name: there[name] for name in before} == before
+    assert len(there) == len(before) + after  # of 27 bricks; then comes the list of chunks
+    resumed = extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+    fresh = extract_surfaces(volume, [0.0, 0.5], brick_cells=4)
+    assert_same_bits(resumed, fresh)
+    assert resumed.statistics.brick_visits == 27 - after
+    assert_same_bits(load_surface_set(tmp_path, [0.0, 0.5], brick_cells=4), fresh)
+
+
+def test_a_read_only_cache_is_read_and_what_it_lacks_is_extracted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = scene_volume()
+    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    before = files_of(tmp_path)
+    refuse_writing(monkeypatch, errno.EROFS)
+    assert extract_with_cache(volume, [0.0], tmp_path, brick_cells=4).statistics.brick_visits == 0
+    with pytest.warns(UserWarning, match="cannot be written: what it lacks was extracted"):
+        found = extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+    assert found.statistics.levels_reused == 1
+    assert_same_bits(found, extract_surfaces(volume, [0.0, 0.5], brick_cells=4))
+    assert files_of(tmp_path) == before
+    with pytest.raises(CacheError, match="cannot be written"):
+        extract_with_cache(
+            volume, [0.0], tmp_path / "new"
+        )  # no cache yet: it was asked for, and cannot be made
+
+
+def damaged(path: Path, damage: str) -> None:
+    content = path.read_bytes()
+    if damage == "flipped":
+        middle = len(content) // 2
+        path.write_bytes(content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :])
+    else:
+        path.write_bytes(content[: len(content) * 2 // 3 * (damage == "truncated")])
+
+
+@pytest.mark.parametrize("damage", ["flipped", "truncated", "empty", "removed"])
+def test_a_damaged_chunk_is_named_and_extracted_again_and_only_it(tmp_path: Path, damage: str) -> None:
+    volume = scene_volume()
+    surfaces = written_scene(tmp_path, volume)
+    levels = surfaces.isovalues
+    path = sorted(tmp_path.glob("chunks/*/*.chunk"))[3]
+    path.unlink() if damage == "removed" else damaged(path, damage)
+    before = files_of(tmp_path)
+    with pytest.raises(CacheError, match=rf"{path.name} is (damaged|missing).*isosurface.*precompute"):
+        load_cache(tmp_path)
+    assert files_of(tmp_path) == before  # who has no volume removes nothing
+    expected = contextlib.nullcontext() if damage == "removed" else pytest.warns(UserWarning, match=path.name)
+    with expected:
+        again = extract_with_cache(volume, levels, tmp_path, brick_cells=4)
+    assert again.statistics.brick_visits == 1
+    assert_same_bits(again, surfaces)
+    assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
+
+
+@pytest.mark.parametrize("name", ["boundary.npz", "surface"])
+def test_other_files_that_are_damaged_are_made_anew_from_the_volume(tmp_path: Path, name: str) -> None:
+    volume = scene_volume()
+    surfaces = written_scene(tmp_path, volume)
+    path = min((tmp_path / "surfaces").iterdir()) if name == "surface" else tmp_path / name
+    content = path.read_bytes()
+    damaged(path, "truncated")
+    extract_with_cache(volume, surfaces.isovalues, tmp_path, brick_cells=4)
+    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4), surfaces)
+    if name == "boundary.npz":
+        assert path.read_bytes() == content
+
+
+def test_chunks_swapped_between_bricks_are_found(tmp_path: Path) -> None:
+    written_scene(tmp_path, scene_volume())
+    first, second = sorted(tmp_path.glob("chunks/*/*.chunk"))[:2]
+    first.write_bytes(second.read_bytes())
+    with pytest.raises(CacheError, match=f"{first.name} is damaged: it is named {second.stem}"):
+        load_cache(tmp_path)
+
+
+def test_a_budget_keeps_what_the_call_itself_uses(tmp_path: Path) -> None:
+    volume = scene_volume()
+    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    for path in tmp_path.glob("chunks/*/*.chunk"):
+        os.utime(path, (1e9, 1e9))
+    now = extract_with_cache(volume, [0.5], tmp_path, brick_cells=4, budget_bytes=1)
+    assert_same_bits(load_surface_set(tmp_path, [0.5], brick_cells=4), now)
+    with pytest.raises(CacheError, match=r"is missing, and isosurface 0\.0"):
+        load_surface_set(tmp_path, [0.0], brick_cells=4)
+    assert extract_with_cache(volume, [0.0], tmp_path, brick_cells=4).statistics.levels_reused == 0
+
+
+def test_an_edit_of_colours_extracts_nothing_and_a_moved_peak_its_own_values(tmp_path: Path) -> None:
+    volume = scene_volume()
+
+    def edited(peak: float, colour: tuple[float, float, float], extinction: float) -> SurfaceSet:
+        points = [
+            ControlPoint(value=value, color=colour, extinction=height)
+            for value, height in (
+                (-0.8, 0.0),
+                (-0.6, 0.5),
+                (-0.4, 0.0),
+                (0.2, 0.0),
+                (peak, extinction),
+                (0.7, 0.0),
+            )
+        ]
+        plan = plan_isovalues(TransferFunction(points), volume.value_range, per_slope=1)
+        return extract_with_cache(volume, plan.isovalues, tmp_path, brick_cells=4)
+
+    first = edited(0.4, (1.0, 0.5, 0.0), 1.0)
+    recoloured = edited(0.4, (0.0, 0.5, 1.0), 0.25)
+    assert (recoloured.statistics.brick_visits, recoloured.statistics.levels_reused) == (
+        0,
+        len(first.isovalues),
+    )
+    moved = edited(0.5, (1.0, 0.5, 0.0), 1.0)
+    new = sorted(set(moved.isovalues.tolist()) - set(first.isovalues.tolist()))
+    assert len(new) == 3  # the peak, and one value in each of its slopes
+    alone = extract_surfaces(volume, new, brick_cells=4)
+    assert moved.statistics.brick_visits == alone.statistics.brick_visits
+    assert moved.statistics.levels_reused == len(moved.isovalues) - 3
+    assert_same_bits(moved, extract_surfaces(volume, moved.isovalues, brick_cells=4))
+
+
+FILL = """
+import sys
+import numpy as np
+from isosample.surfaces.cache import extract_with_cache
+from isosample.volume.grid import Volume
+volume = Volume(np.load(sys.argv[1]))
+sys.stdin.readline()  # both begin at once
+found = extract_with_cache(volume, [-0.3, -0.1, 0.1, 0.3], sys.argv[2], brick_cells=4)
+print(found.statistics.brick_visits, sum(found.statistics.triangles))
+"""
+
+
+def test_two_processes_fill_one_cache_at_once(tmp_path: Path) -> None:
+    volume = Volume(closed_noise(3, size=17))
+    np.save(tmp_path / "samples.npy", volume.array)
+    folder = tmp_path / "cache"
+    command = [sys.executable, "-c", FILL, str(tmp_path / "samples.npy"), str(folder)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    both = [
+        subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+            text=True,
+        )
+        for _ in range(2)
+    ]
+    for process in both:
+        assert process.stdin is not None
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    answers = [process.communicate(timeout=120) for process in both]
+    assert [process.returncode for process in both] == [0, 0], answers
+    fresh = extract_surfaces(volume, [-0.3, -0.1, 0.1, 0.3], brick_cells=4)
+    assert [int(out.split()[1]) for out, _ in answers] == [sum(fresh.statistics.triangles)] * 2
+    assert_same_bits(load_surface_set(folder, fresh.isovalues, brick_cells=4), fresh)
+    assert MeshStore(folder).verify().damaged == ()
+    assert not list(folder.rglob("*.tmp"))
+    assert extract_with_cache(volume, fresh.isovalues, folder, brick_cells=4).statistics.brick_visits == 0
 
 
 def test_isovalues_that_are_not_finite_are_refused(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ class Format(enum.Enum):
     DICOM = "DICOM"
     DAT = "Inviwo .dat"
     RAW = "raw"
+    HDF5 = "HDF5"
 
 
 SUFFIXES = {
@@ -41,6 +42,8 @@ SUFFIXES = {
     ".dat": Format.DAT,
     ".raw": Format.RAW,
     ".raw.gz": Format.RAW,
+    ".h5": Format.HDF5,
+    ".hdf5": Format.HDF5,
 }
 START_BYTES = 540  # up to the end of a NIfTI-2 header
 
@@ -74,7 +77,7 @@ def detect_format(path: Path, *, headerless: bool) -> Format:
         )
     raise InputError(
         f"{path.name} is of no known format; known suffixes are {', '.join(SUFFIXES)}, or a folder of DICOM "
-        "slices. A headerless file needs --shape X,Y,Z and --dtype."
+        "slices or of Zarr chunks. A headerless file needs --shape X,Y,Z and --dtype."
     )
 
 
@@ -89,6 +92,7 @@ def _by_content(start: bytes) -> Format | None:
     magic = {
         b"NRRD000": Format.NRRD,
         b"\x93NUMPY": Format.NPY,
+        b"\x89HDF\r\n\x1a\n": Format.HDF5,
         b"II*\0": Format.TIFF,
         b"MM\0*": Format.TIFF,
         b"II+\0": Format.TIFF,

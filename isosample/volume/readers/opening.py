@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from isosample.errors import InputError
 from isosample.volume.grid import Volume
-from isosample.volume.readers import dicom, itk, npy, raw, tiff, vti
+from isosample.volume.readers import dicom, hdf5, itk, npy, raw, tiff, vti, zarr
 from isosample.volume.readers.detect import Format, detect_format
 from isosample.volume.readers.samples import ReadOptions, parse_dtype, parse_shape
 
@@ -29,6 +29,7 @@ READERS = {
     Format.DICOM: dicom.read_dicom_file,
     Format.DAT: raw.read_dat,
     Format.RAW: raw.read_raw,
+    Format.HDF5: hdf5.read_hdf5,
 }
 
 
@@ -40,14 +41,16 @@ def open_volume(
     spacing: Sequence[float] | None = None,
     channel: int | None = None,
     time: int | None = None,
+    dataset: str | None = None,
 ) -> Volume:
-    """Open a volume file, or a folder of DICOM slices, recognised by content, then by suffix.
+    """Open a volume file, or a folder of DICOM slices or Zarr chunks, recognised by content, then by suffix.
 
     Parameters
     ----------
     path : path-like
         NRRD (.nrrd, .nhdr), NIfTI (.nii, .nii.gz), MetaImage (.mhd, .mha), VTK image (.vti), TIFF stack,
-        NumPy (.npy), DICOM folder, Inviwo .dat, or headerless samples (.raw, .raw.gz).
+        NumPy (.npy), HDF5 (.h5, .hdf5), Zarr or OME-Zarr folder, DICOM folder, Inviwo .dat, or headerless samples
+        (.raw, .raw.gz).
     shape : 3 ints, optional
         Samples along x, y, z; for headerless files only, and required there.
     dtype : numpy dtype, optional
@@ -57,12 +60,15 @@ def open_volume(
         Distance between samples along x, y, z [world]; replaces what the file says.
     channel, time : int, optional
         Which channel or time step to read from a file with several.
+    dataset : str, optional
+        Which array to read from an HDF5 file or a Zarr group with several.
 
     Returns
     -------
     volume : Volume
         In the file's own sample type (in the machine's byte order); rescaled files are floating point.
-        Memory-mapped where the file is neither compressed nor rescaled nor of foreign byte order.
+        Memory-mapped where the file is neither compressed nor rescaled nor of foreign byte order; HDF5 and Zarr are
+        read when they are sliced.
 
     Raises
     ------
@@ -78,6 +84,7 @@ def open_volume(
         dtype=None if dtype is None else parse_dtype(dtype),
         channel=channel,
         time=time,
+        dataset=dataset,
     )
     try:
         volume = _read(path, options)
@@ -93,6 +100,13 @@ def _read(path: Path, options: ReadOptions) -> Volume:
     is_described = options.shape is not None or options.dtype is not None
     if not path.exists():
         raise InputError(f"{path} does not exist. Check the path.")
+    if path.is_dir() and zarr.is_zarr(path):
+        _refuse_description(path, "Zarr", is_described=is_described)
+        return zarr.read_zarr(path, options)
+    if options.dataset is not None and not _has_datasets(path):
+        raise InputError(
+            f"{path.name} is no HDF5 file and no Zarr group; leave out --dataset {options.dataset}."
+        )
     if path.is_dir():
         _refuse_description(path, "DICOM", is_described=is_described)
         return dicom.read_dicom_folder(path, options)
@@ -102,6 +116,11 @@ def _read(path: Path, options: ReadOptions) -> Volume:
     if found is not Format.RAW:
         _refuse_description(path, found.value, is_described=is_described)
     return READERS[found](path, options)
+
+
+def _has_datasets(path: Path) -> bool:
+    """Whether a file may hold several arrays by name."""
+    return path.is_file() and path.stat().st_size > 0 and detect_format(path, headerless=True) is Format.HDF5
 
 
 def _refuse_description(path: Path, kind: str, *, is_described: bool) -> None:

@@ -40,12 +40,15 @@ class ReadOptions:
         Type of the samples in a headerless file.
     channel, time : int or None
         The component and the time step to read from a file that has several.
+    dataset : str or None
+        The array to read from a file or folder that has several.
     """
 
     shape: Triple | None = None
     dtype: np.dtype[np.generic] | None = None
     channel: int | None = None
     time: int | None = None
+    dataset: str | None = None
 
 
 def parse_shape(shape: Sequence[int]) -> Triple:

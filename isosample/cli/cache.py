@@ -1,0 +1,175 @@
+"""`isosample cache`: what the caches of meshes hold, whether they are whole, and making room."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from isosample.cli import arguments, values
+from isosample.cli.console import byte_size, say, say_fields, say_json, say_table, seconds, thousands
+from isosample.cli.parser import add_command
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.cli.parser import Commands
+
+EXAMPLE = """\
+isosample cache ls
+isosample cache verify meshes_cache/head-1f3a9c07
+isosample cache prune --budget 2GiB"""
+ACTIONS = {
+    "ls": "list the caches with their sizes",
+    "verify": "decode every file, and name what is damaged (exit status 1)",
+    "prune": "remove the meshes that were used longest ago, down to --budget",
+}
+
+
+def add_parser(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "cache",
+        run,
+        summary="List, verify or prune the caches of meshes that precompute makes.",
+        example=EXAMPLE,
+    )
+    lines = "; ".join(f"{name}: {what}" for name, what in ACTIONS.items())
+    parser.add_argument("action", choices=tuple(ACTIONS), metavar="ls|verify|prune", help=lines)
+    parser.add_argument(
+        "folders",
+        type=Path,
+        nargs="*",
+        metavar="FOLDER",
+        help="cache folder, or folder of such folders "
+        f"(default: ${arguments.CACHE_VARIABLE}, else {arguments.CACHE_FOLDER})",
+    )
+    parser.add_argument(
+        "--budget",
+        type=values.byte_count,
+        metavar="SIZE",
+        help="prune: most that all meshes may take together, such as 2GiB; what is removed is extracted again when "
+        "it is needed",
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="prune: tell what would be removed, remove nothing"
+    )
+    parser.add_argument("--json", action="store_true", help="write the result as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the cache folders and do what is asked for."""
+    from isosample.surfaces.cache_folders import cache_folders
+
+    if args.action == "prune" and args.budget is None:
+        raise InputError("prune needs --budget SIZE, such as --budget 2GiB; see `isosample cache --help`")
+    if args.action != "prune" and (args.budget is not None or args.dry_run):
+        raise InputError(
+            f"--budget and --dry-run are of prune, not of {args.action}; see `isosample cache --help`"
+        )
+    places = args.folders or [Path(os.environ.get(arguments.CACHE_VARIABLE) or arguments.CACHE_FOLDER)]
+    folders = list(dict.fromkeys(folder for place in places for folder in cache_folders(place)))
+    if args.action == "ls":
+        return _list(folders, as_json=args.json)
+    if args.action == "verify":
+        return _verify(folders, as_json=args.json)
+    return _prune(folders, args.budget, pretend=args.dry_run, as_json=args.json)
+
+
+def _list(folders: list[Path], *, as_json: bool) -> int:
+    """Write one row per folder."""
+    from isosample.surfaces.cache_folders import summarise
+
+    found = [summarise(folder) for folder in folders]
+    if as_json:
+        rows = [
+            {**entry._asdict(), "folder": str(entry.folder), "size_xyz": list(entry.size_xyz)}
+            for entry in found
+        ]
+        say_json({"caches": rows, "size_bytes": sum(entry.size_bytes for entry in found)})
+        return 0
+    heads = ("cache", "volume", "samples", "isosurfaces", "meshes", "size", "used")
+    table = [
+        [
+            str(entry.folder),
+            entry.name or "?",
+            "x".join(str(count) for count in entry.size_xyz),
+            thousands(entry.surfaces),
+            thousands(entry.chunks),
+            byte_size(entry.size_bytes),
+            _ago(entry.used),
+        ]
+        for entry in found
+    ]
+    say_table(heads, table, numeric=(3, 4, 5))
+    for entry in found:
+        if entry.problem:
+            say(f"cannot be used: {entry.problem}")
+    say(f"{len(found)} caches, {byte_size(sum(entry.size_bytes for entry in found))}")
+    return 0
+
+
+def _verify(folders: list[Path], *, as_json: bool) -> int:
+    """Write what is damaged; return 1 where anything is."""
+    from isosample.cli import EXIT_FAILED
+    from isosample.surfaces.cache_folders import verify_folder
+
+    start = time.perf_counter()
+    damaged = [(folder, found) for folder in folders for found in verify_folder(folder)]
+    if as_json:
+        rows = [
+            {"cache": str(folder), "path": str(found.path), "reason": found.reason}
+            for folder, found in damaged
+        ]
+        say_json({"caches": [str(folder) for folder in folders], "damaged": rows})
+        return EXIT_FAILED if damaged else 0
+    for _, found in damaged:
+        say(f"damaged: {found.path}: {found.reason}")
+    summary = {
+        "caches": str(len(folders)),
+        "damaged files": thousands(len(damaged)),
+        "seconds": seconds(time.perf_counter() - start),
+    }
+    if damaged:
+        summary["remedy"] = (
+            "isosample precompute with the same --cache extracts again what is damaged, and only that"
+        )
+    say_fields(summary)
+    return EXIT_FAILED if damaged else 0
+
+
+def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) -> int:
+    """Remove what is too much, and write what it was."""
+    from isosample.surfaces.cache_folders import prune_folders
+    from isosample.surfaces.store import MeshStore
+
+    removed = prune_folders(folders, budget, pretend=pretend)
+    left = sum(chunk.size_bytes for folder in folders for chunk in MeshStore(folder, read_only=True).chunks())
+    if as_json:
+        rows = [
+            {"cache": str(folder), "chunks": count, "size_bytes": size} for folder, count, size in removed
+        ]
+        say_json({"removed": rows, "dry_run": pretend, "budget_bytes": budget, "bytes_left": left})
+        return 0
+    verb = "would remove" if pretend else "removed"
+    for folder, count, size in removed:
+        if count:
+            say(f"{verb} {thousands(count)} meshes ({byte_size(size)}) of {folder}")
+    total, size = sum(entry.chunks for entry in removed), sum(entry.size_bytes for entry in removed)
+    say_fields({verb: f"{thousands(total)} meshes, {byte_size(size)}", "meshes left": byte_size(left)})
+    return 0
+
+
+def _ago(used: float) -> str:
+    """Return how long ago something was used, in its largest unit."""
+    if used == 0.0:
+        return "never"
+    amount, unit = max(0.0, time.time() - used), "s"
+    for larger, step in (("min", 60), ("h", 60), ("days", 24)):
+        if amount < step:
+            break
+        amount, unit = amount / step, larger
+    return f"{amount:.0f} {unit} ago"

@@ -1,0 +1,317 @@
+"""The triangles of a scene on the GPU: all of them, or one batch after the other where they exceed a budget."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CapacityError
+from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import moderngl
+
+    from isosample.rendering.scene import Scene
+
+Bool = npt.NDArray[np.bool_]
+I64 = npt.NDArray[np.int64]
+
+INDEX_BYTES = 4
+RESIDUAL_BYTES = 4
+STAGED_BYTES = 16 << 20  # pieces that are put together before one call uploads them
+LARGEST_DRAW = 2**31 - 1  # indices that one draw can name
+GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
+COMMAND_WORDS = 5  # indices, instances, first index, base vertex, base instance
+FLAT, CURVED = 0, 1  # columns of the residuals
+
+
+@dataclass(slots=True)
+class Uploads:
+    """What was uploaded since `DeviceMeshes.begin_picture`, and the most that was on the GPU at once."""
+
+    batches: int = 0
+    bytes: int = 0
+    largest_bytes: int = 0
+
+
+class DeviceMeshes:
+    """Meshes of one scene.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    scene : Scene
+    """
+
+    def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
+        self._ctx = ctx
+        self.chunks = scene.chunks()
+        self._scene = scene
+        self._source = source_of(scene)
+        self._resident: Batch | None = None
+        self.uploads = Uploads()
+
+    def begin_picture(self, budget_bytes: int) -> None:
+        """Count uploads from here on, and free what exceeds the budget."""
+        if self._resident is not None and self._resident.bytes > budget_bytes:
+            self.release()
+        self.uploads = Uploads(largest_bytes=0 if self._resident is None else self._resident.bytes)
+
+    def missing(self, needed: Bool, budget_bytes: int, residual: int | None) -> I64:
+        """Rows to upload before a picture is drawn, so that all its passes find them; none if they do not fit.
+
+        All rows of a scene in memory, so that the next picture finds them too; of one in a store those that this
+        picture needs.
+
+        Parameters
+        ----------
+        needed, budget_bytes, residual
+            As for `batches`.
+        """
+        wanted = np.ones_like(needed) if self._scene.source is None else needed
+        if not self._fits(wanted, residual, budget_bytes):
+            wanted = needed
+        rows = np.flatnonzero(wanted)
+        if not self._fits(wanted, residual, budget_bytes) or not (wanted & ~self._held(residual)).any():
+            return rows[:0]
+        return rows
+
+    def has(self, needed: Bool, residual: int | None) -> bool:
+        """Whether all that is needed is on the GPU already; parameters as `batches`."""
+        return not (needed & ~self._held(residual)).any()
+
+    def batches(self, needed: Bool, budget_bytes: int, residual: int | None) -> Iterator[Batch]:
+        """Yield the needed pieces, as many at a time as the budget allows; a batch is valid until the next.
+
+        Parameters
+        ----------
+        needed : (C,) bool
+        budget_bytes : int
+            Vertex and index data on the GPU at once.
+        residual : int or None
+            The column of the residuals to upload too, `FLAT` or `CURVED`.
+
+        Raises
+        ------
+        CapacityError
+            If one piece alone exceeds the budget.
+        """
+        held = self._held(residual)
+        if self._resident is not None and (needed & held).any():
+            yield self._resident  # what is here already needs no upload
+        for part in self._parts(np.flatnonzero(needed & ~held), residual, budget_bytes):
+            yield self.upload(part, residual)
+
+    def release(self) -> None:
+        """Free every buffer."""
+        if self._resident is not None:
+            self._resident.release()
+        self._resident = None
+
+    def upload(self, rows: I64, residual: int | None) -> Batch:
+        """Put pieces on the GPU, after what is there was freed."""
+        self.release()
+        size = int(bytes_of(self.chunks[rows], residual).sum())
+        whole = len(rows) == len(self.chunks) and self._scene.source is None
+        upload = self._upload_arrays if whole else self._upload_pieces
+        self._resident = upload(rows, residual, size)
+        self.uploads.batches += 1
+        self.uploads.bytes += size
+        self.uploads.largest_bytes = max(self.uploads.largest_bytes, size)
+        return self._resident
+
+    def _fits(self, wanted: Bool, residual: int | None, budget_bytes: int) -> bool:
+        chunks = self.chunks[wanted]
+        indices = int(chunks["index_count"].sum())
+        return int(bytes_of(chunks, residual).sum()) <= budget_bytes and indices <= LARGEST_DRAW
+
+    def _held(self, residual: int | None) -> Bool:
+        """(C,) whether a piece is on the GPU, with that column of the residuals."""
+        held = np.zeros(len(self.chunks), dtype=bool)
+        if self._resident is not None and residual in (None, self._resident.residual):
+            held[self._resident.rows] = True
+        return held
+
+    def _parts(self, rows: I64, residual: int | None, budget_bytes: int) -> Iterator[I64]:
+        """Cut rows into runs that fit the budget."""
+        sizes, indices = bytes_of(self.chunks[rows], residual), self.chunks["index_count"][rows]
+        first, held, named = 0, 0, 0
+        for i, (size, count) in enumerate(zip(sizes.tolist(), indices.tolist(), strict=True)):
+            if size > budget_bytes:
+                level = int(self.chunks["level"][rows[i]])
+                raise CapacityError(
+                    f"one piece of level {level} alone takes {size} bytes, more than the budget of "
+                    f"{budget_bytes} bytes for meshes; raise mesh_budget_bytes, or extract with smaller bricks."
+                )
+            if i > first and (held + size > budget_bytes or named + count > LARGEST_DRAW):
+                yield rows[first:i]
+                first, held, named = i, 0, 0
+            held, named = held + size, named + count
+        if len(rows) > first:
+            yield rows[first:]
+
+    def _upload_arrays(self, rows: I64, residual: int | None, size: int) -> Batch:
+        """All arrays of the scene as they are."""
+        scene = self._scene
+        arrays: list[npt.NDArray[np.generic]] = [scene.vertices, scene.indices]
+        if residual is not None:
+            arrays.append(np.ascontiguousarray(scene.residuals[:, residual]))
+        buffers = [
+            self._ctx.buffer(a) if a.size else self._ctx.buffer(reserve=a.dtype.itemsize) for a in arrays
+        ]
+        return Batch(self._ctx, self.chunks, rows, self.chunks["first_index"], buffers, residual, size)
+
+    def _upload_pieces(self, rows: I64, residual: int | None, size: int) -> Batch:
+        """Pieces one after the other, in whatever order their source has them."""
+        counts = self.chunks["index_count"][rows]
+        vertex_bytes = int(self.chunks["vertex_count"][rows].sum()) * VERTEX_DTYPE.itemsize
+        sizes = [vertex_bytes, INDEX_BYTES * int(counts.sum())]
+        if residual is not None:
+            sizes.append(vertex_bytes // VERTEX_DTYPE.itemsize * RESIDUAL_BYTES)
+        streams = [_Upload(self._ctx.buffer(reserve=max(n, INDEX_BYTES))) for n in sizes]
+        vertex = 0
+        for piece in self._source.load(self.chunks[rows]):
+            streams[0].append(piece.vertices)
+            streams[1].append(piece.indices + np.uint32(vertex))
+            if residual is not None:
+                streams[2].append(np.ascontiguousarray(piece.residuals[:, residual]))
+            vertex += len(piece.vertices)
+        for stream in streams:
+            stream.flush()
+        starts = np.cumsum(counts) - counts
+        buffers = [stream.buffer for stream in streams]
+        return Batch(self._ctx, self.chunks, rows, starts, buffers, residual, size)
+
+
+class Batch:
+    """Some pieces on the GPU.
+
+    Attributes
+    ----------
+    rows : (R,) int64
+        Which, in the scene's order.
+    bytes : int
+    residual : int or None
+        Which column of the residuals is there.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        chunks: npt.NDArray[np.void],
+        rows: I64,
+        starts: I64,
+        buffers: Sequence[moderngl.Buffer],
+        residual: int | None,
+        size: int,
+    ) -> None:
+        self._ctx = ctx
+        self.rows, self.bytes, self.residual = rows, size, residual
+        self._levels, self._counts = chunks["level"][rows], chunks["index_count"][rows]
+        self._starts = starts
+        self._vertices, self._indices, *rest = buffers
+        self._residuals = rest[0] if rest else None
+        self._vertex_arrays: dict[int, moderngl.VertexArray] = {}
+
+    def draw(self, program: moderngl.Program, shown: Bool) -> None:
+        """Draw pieces with a program.
+
+        Parameters
+        ----------
+        program : moderngl.Program
+            Must stay alive as long as this object.
+        shown : (C,) bool
+            Which pieces of the scene are to be drawn; of those here, neighbours may be drawn along.
+        """
+        kept = shown[self.rows]
+        levels, first, count = runs(self._levels[kept], self._starts[kept], self._counts[kept])
+        if len(first) == 0:
+            return
+        vertex_array = self._vertex_array(program)
+        has_level = "level" in program
+        groups = np.flatnonzero(np.diff(levels, prepend=-1)) if has_level else np.zeros(1, dtype=np.int64)
+        stops = [*groups[1:].tolist(), len(first)]
+        commands = self._commands(first, count) if len(groups) < len(first) else None
+        for start, stop in zip(groups.tolist(), stops, strict=True):
+            if has_level:
+                program["level"] = int(levels[start])
+            if stop - start == 1 or commands is None:
+                vertex_array.render(vertices=int(count[start]), first=int(first[start]))
+            else:
+                vertex_array.render_indirect(commands, count=stop - start, first=start)
+        if commands is not None:
+            commands.release()
+
+    def release(self) -> None:
+        """Free every buffer."""
+        for vertex_array in self._vertex_arrays.values():
+            vertex_array.release()
+        for buffer in (self._vertices, self._indices, self._residuals):
+            if buffer is not None:
+                buffer.release()
+        self._vertex_arrays = {}
+
+    def _commands(self, first: I64, count: I64) -> moderngl.Buffer:
+        """The draws as the GPU reads them."""
+        commands = np.zeros((len(first), COMMAND_WORDS), dtype=np.uint32)
+        commands[:, 0], commands[:, 1], commands[:, 2] = count, 1, first
+        return self._ctx.buffer(commands)
+
+    def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        key = id(program)
+        if key not in self._vertex_arrays:
+            layout = ("3f 3f", "position", "gradient") if "gradient" in program else ("3f 3x4", "position")
+            content: list[tuple[object, ...]] = [(self._vertices, *layout)]
+            if "residual" in program:
+                content.append((self._residuals, "1f", "residual"))
+            self._vertex_arrays[key] = self._ctx.vertex_array(program, content, index_buffer=self._indices)
+        return self._vertex_arrays[key]
+
+
+class _Upload:
+    """A buffer that is filled from its beginning, many small arrays at a time."""
+
+    def __init__(self, buffer: moderngl.Buffer) -> None:
+        self.buffer = buffer
+        self._offset = self._staged_bytes = 0
+        self._staged: list[npt.NDArray[np.generic]] = []
+
+    def append(self, array: npt.NDArray[np.generic]) -> None:
+        """Add an array behind what is there."""
+        self._staged.append(array)
+        self._staged_bytes += array.nbytes
+        if self._staged_bytes >= STAGED_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Upload what is staged."""
+        if self._staged_bytes:
+            self.buffer.write(np.concatenate(self._staged), offset=self._offset)
+        self._offset += self._staged_bytes
+        self._staged, self._staged_bytes = [], 0
+
+
+def bytes_of(chunks: npt.NDArray[np.void], residual: int | None = None) -> I64:
+    """(C,) int64, bytes that pieces take on the GPU."""
+    per_vertex = VERTEX_DTYPE.itemsize + (RESIDUAL_BYTES if residual is not None else 0)
+    sizes: I64 = per_vertex * chunks["vertex_count"] + INDEX_BYTES * chunks["index_count"]
+    return sizes
+
+
+def runs(levels: npt.NDArray[np.generic], starts: I64, counts: I64) -> tuple[I64, I64, I64]:
+    """Levels, first indices and counts of draws: pieces of one level that (nearly) follow each other are one."""
+    if len(starts) == 0:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none, none
+    stops = starts + counts
+    level = levels.astype(np.int64)
+    gap = starts[1:] - stops[:-1]
+    begins = np.concatenate([[True], (level[1:] != level[:-1]) | (gap < 0) | (gap > GAP)])
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(starts)) - 1
+    return level[first], starts[first], stops[last] - starts[first]

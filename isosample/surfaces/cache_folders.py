@@ -1,0 +1,175 @@
+"""All cache folders of a place: what they hold, whether it is whole, and making room."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from isosample.errors import CacheError
+from isosample.surfaces.cache_files import read_arrays, read_json
+from isosample.surfaces.chunk_table import CHUNK_ROW
+from isosample.surfaces.store import CHUNK_FOLDER, DamagedChunk, MeshStore, remove
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from isosample.surfaces.chunk_table import Rows
+
+
+class FolderSummary(NamedTuple):
+    """What a cache folder holds.
+
+    Attributes
+    ----------
+    folder : Path
+    name : str
+        Of the volume; empty where volume.json cannot be used.
+    size_xyz : 3 ints
+        Samples of the volume.
+    surfaces, chunks : int
+        Isosurfaces that are listed, and chunks.
+    size_bytes : int
+        Of all files.
+    used : float
+        When a chunk was last used [s since 1970]; 0 where there is none.
+    problem : str
+        Why the folder cannot be used; empty where it can.
+    """
+
+    folder: Path
+    name: str
+    size_xyz: tuple[int, ...]
+    surfaces: int
+    chunks: int
+    size_bytes: int
+    used: float
+    problem: str
+
+
+class FolderPruned(NamedTuple):
+    """What was removed from a folder, or would be: chunks, and their bytes."""
+
+    folder: Path
+    chunks: int
+    size_bytes: int
+
+
+def cache_folders(place: Path) -> list[Path]:
+    """Return the place itself where it is a cache folder, else those directly in it, sorted.
+
+    Raises
+    ------
+    CacheError
+        If the place is no folder, or there is no cache folder.
+    """
+    if not place.is_dir():
+        state = "is not a folder" if place.exists() else "does not exist"
+        raise CacheError(
+            f"{place} {state}. Name a folder that `isosample precompute` made, or one of such folders."
+        )
+    found = [place] if _is_cache(place) else sorted(path for path in place.iterdir() if _is_cache(path))
+    if not found:
+        raise CacheError(
+            f"{place} is not a mesh cache, and there is none in it. Make one with `isosample precompute`."
+        )
+    return found
+
+
+def summarise(folder: Path) -> FolderSummary:
+    """Look through a cache folder; nothing is decoded."""
+    name, problem = "", ""
+    size_xyz: tuple[int, ...] = ()
+    try:
+        volume = read_json(folder / "volume.json", "cache")
+        name, size_xyz = volume["name"], tuple(volume["geometry"]["size_xyz"])
+    except CacheError as error:
+        problem = str(error)
+    chunks = MeshStore(folder, read_only=True).chunks()
+    return FolderSummary(
+        folder=folder,
+        name=name,
+        size_xyz=size_xyz,
+        surfaces=len(list(folder.glob("surfaces/*.npz"))),
+        chunks=len(chunks),
+        size_bytes=folder_bytes(folder),
+        used=chunks[-1].used if chunks else 0.0,
+        problem=problem,
+    )
+
+
+def folder_bytes(folder: Path) -> int:
+    """Return the size of all files in a folder, as far as they are still there when they are looked at."""
+    total = 0
+    for path in folder.rglob("*"):
+        try:
+            total += path.stat().st_size if path.is_file() else 0
+        except FileNotFoundError:  # another process made room
+            continue
+    return total
+
+
+def verify_folder(folder: Path) -> list[DamagedChunk]:
+    """Read every file of a cache folder, and return those that are damaged or missing, with the reason each."""
+    damaged = []
+    for name, kind in (("volume.json", "cache"), ("scene.json", "scene")):
+        path = folder / name
+        if name == "scene.json" and not path.exists():
+            continue  # a folder that was never rendered as a scene
+        try:
+            read_json(path, kind)
+        except CacheError as error:
+            damaged.append(DamagedChunk(path, str(error)))
+    store = MeshStore(folder, read_only=True)
+    for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
+        try:
+            arrays, _ = read_arrays(path, {})
+        except CacheError as error:
+            damaged.append(DamagedChunk(path, str(error)))
+            continue
+        if path.parent.name == "surfaces":
+            damaged += _missing_chunks(path, arrays["rows"].view(CHUNK_ROW), store)
+    return [*damaged, *store.verify().damaged]
+
+
+def _missing_chunks(path: Path, rows: Rows, store: MeshStore) -> list[DamagedChunk]:
+    """Return a list of chunks with what is missing of it, or nothing."""
+    missing = [key.decode() for key in rows["key"].tolist() if not store.has(key.decode())]
+    if not missing:
+        return []
+    reason = f"{len(missing)} of its {len(rows)} chunks are missing, for instance {missing[0]}."
+    return [DamagedChunk(path, reason)]
+
+
+def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool = False) -> list[FolderPruned]:
+    """Remove the chunks of all folders that were used longest ago, until all together take at most so many bytes.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+    budget_bytes : int
+    pretend : bool
+        Remove nothing, and tell what would be.
+
+    Raises
+    ------
+    CacheError
+        If a file cannot be removed.
+    """
+    stores = [MeshStore(folder) for folder in folders]
+    there = [(chunk.used, number, chunk) for number, store in enumerate(stores) for chunk in store.chunks()]
+    excess = sum(chunk.size_bytes for _, _, chunk in there) - budget_bytes
+    counts, freed = [0] * len(stores), [0] * len(stores)
+    for _, number, chunk in sorted(there):
+        if excess <= 0:
+            break
+        if not pretend:
+            remove(stores[number].path(chunk.key))
+        excess -= chunk.size_bytes
+        counts[number] += 1
+        freed[number] += chunk.size_bytes
+    return [FolderPruned(*row) for row in zip(folders, counts, freed, strict=True)]
+
+
+def _is_cache(folder: Path) -> bool:
+    """Tell whether a folder is or was a mesh cache."""
+    return (folder / "volume.json").is_file() or (folder / CHUNK_FOLDER).is_dir()

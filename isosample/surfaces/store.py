@@ -1,0 +1,333 @@
+"""A folder of chunks, one per (isovalue, brick), named by all that decides about them.
+
+Each chunk is a file of its own that appears whole or not at all, so any number of processes may read and write one
+folder at once: the same name means the same content. Nothing is stale, and nothing expires by age; where a budget is
+given, the chunks that were used longest ago make room. A chunk's time of change says when it was last used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import threading
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+from isosample.errors import CacheError
+from isosample.files import replacing
+from isosample.surfaces.cache_files import digest_of
+from isosample.surfaces.chunk_codec import CHUNK_VERSION, OtherVersionError, decode, encode
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+    from pathlib import Path
+
+    from isosample.surfaces.mesh import BrickMesh
+    from isosample.surfaces.settings import ExtractionSettings
+
+CHUNK_FOLDER = "chunks"
+CHUNK_SUFFIX = ".chunk"
+TOUCH_SECONDS = 60.0  # a chunk whose last use is noted as more recent is not noted again
+STALE_SECONDS = 3600.0  # a temporary file as old as that was left by a process that was killed
+FULL = (errno.ENOSPC, errno.EDQUOT)
+PRUNE_TO = 0.9  # of the budget: so that not every new chunk makes the store look through the folder
+
+
+class StoredChunk(NamedTuple):
+    """A chunk in a folder: its key, its bytes, and when it was last used [s since 1970]."""
+
+    key: str
+    size_bytes: int
+    used: float
+
+
+class DamagedChunk(NamedTuple):
+    """A chunk that cannot be used, and why."""
+
+    path: Path
+    reason: str
+
+
+class Pruned(NamedTuple):
+    """What `MeshStore.prune` took away and left."""
+
+    chunks: int
+    size_bytes: int
+    chunks_left: int
+    bytes_left: int
+
+
+class Verified(NamedTuple):
+    """What `MeshStore.verify` found: chunks and bytes looked at, and those that cannot be used."""
+
+    chunks: int
+    size_bytes: int
+    damaged: tuple[DamagedChunk, ...]
+
+
+def chunk_key(
+    content: str,
+    isovalue: float,
+    spacing: Sequence[float],
+    settings: ExtractionSettings,
+    version: int = CHUNK_VERSION,
+    *,
+    mirrored: bool = False,
+) -> str:
+    """Return the name of a chunk: a sha256 of everything that decides about it, hexadecimal.
+
+    Parameters
+    ----------
+    content : str
+        Digest of the brick's samples with those around it, of their type, and of the brick's place in the volume
+        (`BrickScan.digests`); of the whole volume and the brick's place where a reconstruction is smooth.
+    isovalue : float
+        In data units; -0.0 is 0.0.
+    spacing : 3 floats
+        Distance of samples along x, y, z [world].
+    settings : ExtractionSettings
+    version : int
+        Of the format.
+    mirrored : bool
+        Whether index coordinates are left-handed in world space, which turns the triangles round.
+    """
+    return digest_of(
+        {
+            "content": content,
+            "isovalue": (isovalue + 0.0).hex(),
+            "spacing": [float(step).hex() for step in spacing],
+            "settings": settings.to_dict(),
+            "version": version,
+            "mirrored": mirrored,
+        }
+    )
+
+
+class MeshStore:
+    """Chunks in `folder`/chunks.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when the first chunk is written.
+    budget_bytes : int, optional
+        Chunks that were used longest ago are removed when all together take more; never those that this store wrote
+        or read itself, so one run may go beyond its budget and never loses what it needs.
+    read_only : bool
+        Write, remove and touch nothing; `put` raises.
+
+    Attributes
+    ----------
+    hits, misses, written, damaged, evicted : int
+        Chunks that `get` found and did not find, that `put` wrote, that `get` could not use, and that made room.
+    notes : list of str
+        One line per damaged chunk: which, and why.
+    """
+
+    def __init__(self, folder: Path, *, budget_bytes: int | None = None, read_only: bool = False) -> None:
+        self.folder = folder
+        self.budget_bytes = budget_bytes
+        self.read_only = read_only
+        self.hits = self.misses = self.written = self.damaged = self.evicted = 0
+        self.notes: list[str] = []
+        self._lock = threading.Lock()  # of the counts, and of making room
+        self._used: set[str] = set()
+        self._bytes: int | None = None  # of all chunks, as far as this store knows
+
+    def path(self, key: str) -> Path:
+        """Return the file of a chunk."""
+        return self.folder / CHUNK_FOLDER / key[:2] / f"{key}{CHUNK_SUFFIX}"
+
+    def has(self, key: str) -> bool:
+        """Tell whether a chunk is there; it may still be damaged, or be gone a moment later."""
+        return self.path(key).is_file()
+
+    def get(self, key: str) -> BrickMesh | None:
+        """Return a mesh, bit for bit as it was put; None where it is absent, or cannot be used.
+
+        A chunk that cannot be used is counted in `damaged`, named in `notes`, and removed unless the store is
+        read-only, so that whoever extracts it again can put it in its place.
+        """
+        path = self.path(key)
+        self._used.add(key)
+        try:
+            with path.open("rb") as file:
+                data = file.read()
+                used = os.fstat(file.fileno()).st_mtime
+            mesh = decode(data, name=bytes.fromhex(key))
+        except FileNotFoundError:
+            with self._lock:
+                self.misses += 1
+            return None
+        except (OSError, CacheError) as error:
+            self._give_up(path, error)
+            return None
+        with self._lock:
+            self.hits += 1
+        if not self.read_only and time.time() - used > TOUCH_SECONDS:
+            with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
+                os.utime(path)
+        return mesh
+
+    def put(self, key: str, mesh: BrickMesh) -> None:
+        """Keep a mesh, which may be empty.
+
+        Raises
+        ------
+        CacheError
+            If the store is read-only or the file cannot be written; what stood there before stays.
+        InputError
+            As `encode`.
+        """
+        if self.read_only:
+            raise CacheError(f"{self.folder} was opened for reading only; nothing can be added to it.")
+        data = encode(mesh, name=bytes.fromhex(key))
+        self._used.add(key)  # before it is there: another thread may be making room
+        with (
+            full_disk_explained(),
+            replacing(self.path(key), error_class=CacheError, make_folder=True) as file,
+        ):
+            file.write(data)
+        with self._lock:
+            self.written += 1
+            if self.budget_bytes is not None:
+                self._keep_to_budget(self.budget_bytes, len(data))
+
+    def _keep_to_budget(self, budget_bytes: int, added: int) -> None:
+        """Make room where the chunks have outgrown the budget; the lock is held."""
+        if self._bytes is None:
+            self._bytes = sum(chunk.size_bytes for chunk in self.chunks())
+        else:
+            self._bytes += added
+        if self._bytes <= budget_bytes:
+            return
+        removed = self.prune(int(PRUNE_TO * budget_bytes), keep=self._used)
+        self.evicted += removed.chunks
+        # where all that is left is in use, look again only when a tenth of the budget has been added
+        self._bytes = min(removed.bytes_left, int(PRUNE_TO * budget_bytes))
+
+    def keys(self) -> list[str]:
+        """Return the names of all chunks, sorted."""
+        return sorted(path.stem for path in self._files())
+
+    def chunks(self) -> list[StoredChunk]:
+        """Return all chunks, those used longest ago first."""
+        found = []
+        for path in self._files():
+            with contextlib.suppress(FileNotFoundError):  # another process made room
+                state = path.stat()
+                found.append(StoredChunk(path.stem, state.st_size, state.st_mtime))
+        return sorted(found, key=lambda chunk: (chunk.used, chunk.key))
+
+    def prune(self, budget_bytes: int, *, keep: Collection[str] = ()) -> Pruned:
+        """Remove the chunks that were used longest ago, until all take at most so many bytes.
+
+        Parameters
+        ----------
+        budget_bytes : int
+        keep : collection of str
+            Keys of chunks that stay, whatever the budget.
+
+        Raises
+        ------
+        CacheError
+            If the store is read-only or a file cannot be removed.
+        """
+        if self.read_only:
+            raise CacheError(f"{self.folder} was opened for reading only; nothing can be removed from it.")
+        self._remove_leftovers()
+        there = self.chunks()
+        total, removed, freed = sum(chunk.size_bytes for chunk in there), 0, 0
+        for chunk in there:
+            if total - freed <= budget_bytes:
+                break
+            if chunk.key in keep:
+                continue
+            remove(self.path(chunk.key))
+            removed, freed = removed + 1, freed + chunk.size_bytes
+        return Pruned(removed, freed, len(there) - removed, total - freed)
+
+    def verify(self) -> Verified:
+        """Decode every chunk; nothing is removed."""
+        damaged: list[DamagedChunk] = []
+        count = total = 0
+        for path in sorted(self._files()):
+            try:
+                data = path.read_bytes()
+            except FileNotFoundError:  # another process made room
+                continue
+            except OSError as error:
+                damaged.append(DamagedChunk(path, f"it cannot be read ({error.strerror})."))
+                continue
+            count, total = count + 1, total + len(data)
+            try:
+                decode(data, name=_name_of(path))
+            except CacheError as error:
+                damaged.append(DamagedChunk(path, str(error)))
+        return Verified(count, total, tuple(damaged))
+
+    def _give_up(self, path: Path, error: OSError | CacheError) -> None:
+        """Count and name a chunk that cannot be used; remove it where it is damaged."""
+        reason = f"it cannot be read ({error.strerror})." if isinstance(error, OSError) else str(error)
+        with self._lock:
+            self.damaged += 1
+            self.misses += 1
+            self.notes.append(f"{path} is damaged: {reason}")
+        if isinstance(error, OtherVersionError | OSError) or self.read_only:
+            return
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+
+    def _files(self) -> Iterator[Path]:
+        """Yield the files of all chunks."""
+        folder = self.folder / CHUNK_FOLDER
+        return (path for path in folder.glob(f"[0-9a-f][0-9a-f]/*{CHUNK_SUFFIX}"))
+
+    def _remove_leftovers(self) -> None:
+        """Remove temporary files of processes that were killed while they wrote."""
+        for path in (self.folder / CHUNK_FOLDER).glob("[0-9a-f][0-9a-f]/.*.tmp"):
+            with contextlib.suppress(OSError):
+                if time.time() - path.stat().st_mtime > STALE_SECONDS:
+                    path.unlink()
+
+
+@contextlib.contextmanager
+def full_disk_explained() -> Iterator[None]:
+    """Tell in a `CacheError` about a full disk what to do."""
+    try:
+        yield
+    except CacheError as error:
+        cause = error.__cause__
+        if isinstance(cause, OSError) and cause.errno in FULL:
+            what = str(error).removesuffix(" Choose another path.")
+            raise CacheError(
+                f"{what} Make room (`isosample cache prune`) and run the same command again: it goes on from here, "
+                "for all that was extracted before is kept."
+            ) from cause
+        raise
+
+
+def remove(path: Path) -> None:
+    """Remove a file that another process may have removed already.
+
+    Raises
+    ------
+    CacheError
+        If it cannot be removed.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise CacheError(f"{path} cannot be removed: {error.strerror}. Check who owns the folder.") from error
+
+
+def _name_of(path: Path) -> bytes:
+    """Return the name that a chunk's file says it has; raise `CacheError` if that is none."""
+    try:
+        name = bytes.fromhex(path.stem)
+    except ValueError:
+        name = b""
+    if len(name) != 32:
+        raise CacheError(f"{path.name} is not the name of a chunk.")
+    return name

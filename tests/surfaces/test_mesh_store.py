@@ -1,0 +1,237 @@
+"""The store of chunks: keys, damage, budgets, several readers and writers, places that cannot be written."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from test_chunk_codec import any_mesh, assert_same
+
+from isosample.errors import CacheError
+from isosample.surfaces.settings import ExtractionSettings
+from isosample.surfaces.store import MeshStore, chunk_key
+from isosample.volume.reconstruction import Reconstruction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SETTINGS = ExtractionSettings()
+
+
+def key_of(number: int) -> str:
+    return chunk_key(str(number), 0.5, (1.0, 1.0, 1.0), SETTINGS)
+
+
+def filled(folder: Path, count: int) -> MeshStore:
+    """Chunks of the same size, used one after the other long ago."""
+    store = MeshStore(folder)
+    for number in range(count):
+        store.put(key_of(number), any_mesh(20))
+        os.utime(store.path(key_of(number)), (1e9 + number, 1e9 + number))
+    return store
+
+
+def test_a_key_names_everything_that_decides() -> None:
+    keys = [
+        chunk_key("a", 0.5, (1.0, 1.0, 1.0), SETTINGS),
+        chunk_key("b", 0.5, (1.0, 1.0, 1.0), SETTINGS),
+        chunk_key("a", np.nextafter(0.5, 1.0), (1.0, 1.0, 1.0), SETTINGS),
+        chunk_key("a", 0.5, (1.0, 1.0, 2.0), SETTINGS),
+        chunk_key("a", 0.5, (1.0, 1.0, 1.0), ExtractionSettings(reconstruction=Reconstruction.CUBIC)),
+        chunk_key("a", 0.5, (1.0, 1.0, 1.0), SETTINGS, 4),
+        chunk_key("a", 0.5, (1.0, 1.0, 1.0), SETTINGS, mirrored=True),
+    ]
+    assert len(set(keys)) == 7
+    assert chunk_key("a", 0.0, (1.0, 1.0, 1.0), SETTINGS) == chunk_key("a", -0.0, (1.0, 1.0, 1.0), SETTINGS)
+
+
+def test_what_is_put_comes_back_and_an_empty_mesh_too(tmp_path: Path) -> None:
+    store = MeshStore(tmp_path / "deep" / "folder")
+    assert store.get(key_of(0)) is None
+    assert not store.has(key_of(0))
+    for number, count in ((0, 30), (1, 0)):
+        store.put(key_of(number), any_mesh(count))
+        found = MeshStore(store.folder).get(key_of(number))
+        assert found is not None
+        assert_same(found, any_mesh(count))
+    assert store.keys() == sorted([key_of(0), key_of(1)])
+    assert (store.hits, store.misses, store.written, store.damaged) == (0, 1, 2, 0)
+
+
+@pytest.mark.parametrize("damage", ["flipped", "truncated", "empty", "another chunk"])
+def test_damage_is_named_counted_and_removed(tmp_path: Path, damage: str) -> None:
+    store = filled(tmp_path, 2)
+    path = store.path(key_of(0))
+    data = path.read_bytes()
+    path.write_bytes(
+        {
+            "flipped": data[:200] + bytes([data[200] ^ 16]) + data[201:],
+            "truncated": data[:-1],
+            "empty": b"",
+            "another chunk": store.path(key_of(1)).read_bytes(),
+        }[damage]
+    )
+    watching = MeshStore(tmp_path, read_only=True)
+    assert watching.get(key_of(0)) is None
+    assert path.exists()
+    (bad,) = store.verify().damaged
+    assert bad.path == path
+    assert store.get(key_of(0)) is None
+    assert (store.damaged, store.misses) == (1, 1)
+    assert store.notes[0].startswith(f"{path} is damaged: it")
+    assert not path.exists()
+    store.put(key_of(0), any_mesh(20))
+    assert store.get(key_of(0)) is not None
+    assert store.verify().damaged == ()
+
+
+def test_a_chunk_of_an_older_version_is_named_and_left_alone(tmp_path: Path) -> None:
+    store = filled(tmp_path, 1)
+    path = store.path(key_of(0))
+    data = path.read_bytes()
+    path.write_bytes(data[:8] + b"\2\0" + data[10:])
+    assert store.get(key_of(0)) is None
+    assert "format version 2" in store.notes[0]
+    assert path.exists()
+
+
+def test_a_chunk_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    store = filled(tmp_path, 1)
+    path = store.path(key_of(0))
+    path.unlink()
+    path.mkdir()
+    assert store.get(key_of(0)) is None
+    assert "cannot be read (Is a directory)" in store.notes[0]
+
+
+def test_prune_removes_those_used_longest_ago_and_leftovers(tmp_path: Path) -> None:
+    store = filled(tmp_path, 6)
+    size = store.path(key_of(0)).stat().st_size
+    assert MeshStore(tmp_path).get(key_of(1)) is not None  # now it is the one that was used last
+    left, new = (store.path(key_of(0)).with_name(name) for name in (".old.tmp", ".new.tmp"))
+    left.write_bytes(b"half a chunk")
+    os.utime(left, (1e9, 1e9))
+    new.write_bytes(b"another process writes this")
+    found = store.prune(3 * size)
+    assert (found.chunks, found.size_bytes, found.chunks_left, found.bytes_left) == (3, 3 * size, 3, 3 * size)
+    assert set(store.keys()) == {key_of(number) for number in (1, 4, 5)}
+    assert (left.exists(), new.exists()) == (False, True)
+
+
+def test_a_budget_holds_and_spares_what_the_run_uses(tmp_path: Path) -> None:
+    filled(tmp_path, 10)
+    size = MeshStore(tmp_path).chunks()[0].size_bytes
+    store = MeshStore(tmp_path, budget_bytes=8 * size)
+    assert store.get(key_of(0)) is not None
+    store.put(key_of(10), any_mesh(20))
+    kept = set(store.keys())
+    assert {key_of(0), key_of(10)} <= kept
+    assert len(kept) <= 8
+    assert store.evicted == 11 - len(kept)
+    for number in range(20, 40):
+        store.put(key_of(number), any_mesh(20))
+    assert {key_of(number) for number in (0, 10, *range(20, 40))} == set(store.keys())
+
+
+def test_reading_notes_the_use_and_a_read_only_store_notes_nothing(tmp_path: Path) -> None:
+    path = filled(tmp_path, 1).path(key_of(0))
+    watching = MeshStore(tmp_path, read_only=True)
+    assert watching.get(key_of(0)) is not None
+    assert path.stat().st_mtime == 1e9
+    assert MeshStore(tmp_path).get(key_of(0)) is not None
+    assert time.time() - path.stat().st_mtime < 60
+    for refused in (lambda: watching.put(key_of(1), any_mesh(2)), lambda: watching.prune(0)):
+        with pytest.raises(CacheError, match="opened for reading only"):
+            refused()
+    assert watching.keys() == [key_of(0)]
+
+
+def test_readers_never_see_half_a_chunk(tmp_path: Path) -> None:
+    """One thread writes the same chunks again and again, another removes them, and two read."""
+    meshes = [any_mesh(count) for count in (50, 400)]
+    stop = threading.Event()
+    seen: list[int] = []
+
+    def write() -> None:
+        store = MeshStore(tmp_path)
+        while not stop.is_set():
+            for number, mesh in enumerate(meshes):
+                store.put(key_of(number), mesh)
+
+    def prune() -> None:
+        store = MeshStore(tmp_path)
+        while not stop.is_set():
+            store.prune(0)
+
+    def read() -> None:
+        store = MeshStore(tmp_path)
+        for turn in range(300):
+            mesh = store.get(key_of(turn % 2))
+            if mesh is not None:
+                seen.append(len(mesh.positions))
+        assert store.damaged == 0, store.notes
+
+    others = [threading.Thread(target=work) for work in (write, prune)]
+    for thread in others:
+        thread.start()
+    try:
+        read()
+        read()
+    finally:
+        stop.set()
+        for thread in others:
+            thread.join()
+    assert {50, 400} >= set(seen) != set()
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 256 KiB; skipped where none may be mounted."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(place)]
+    try:
+        mounted = subprocess.run(command, check=False, capture_output=True).returncode == 0
+    except FileNotFoundError:
+        mounted = False
+    if not mounted:
+        pytest.skip("no file system can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def test_a_disk_that_fills_up_keeps_every_whole_chunk(small_disk: Path) -> None:
+    store = MeshStore(small_disk)
+
+    def fill() -> None:
+        for number in range(100):
+            store.put(key_of(number), any_mesh(500))
+
+    with pytest.raises(CacheError, match=r"No space left on device.*cache prune.*extracted before is kept"):
+        fill()
+    there = store.keys()
+    assert 3 < len(there) == store.written
+    assert store.verify().damaged == ()
+    assert not list(small_disk.rglob("*.tmp"))
+    store.prune(0)
+    store.put(key_of(99), any_mesh(500))
+    assert store.keys() == [key_of(99)]
+
+
+def test_a_disk_mounted_for_reading_is_read(small_disk: Path) -> None:
+    filled(small_disk, 2)
+    subprocess.run(["mount", "-o", "remount,ro", str(small_disk)], check=True)
+    store = MeshStore(small_disk)
+    assert store.get(key_of(1)) is not None
+    with pytest.raises(CacheError, match="Read-only file system"):
+        store.put(key_of(2), any_mesh(3))
+    path = store.path(key_of(0))
+    with pytest.raises(CacheError, match="cannot be removed: Read-only file system"):
+        store.prune(0)
+    assert path.exists()
