@@ -13,10 +13,10 @@ import numpy as np
 from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import load_brick
+from isosample.surfaces.cache_levels import no_mesh
 from isosample.surfaces.chunk_table import ChunkTable, chunk_row
 from isosample.surfaces.extract import extract_brick
 from isosample.surfaces.memory import DEFAULT_MEMORY, Gate, MemoryPlan
-from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import chunk_key
 from isosample.surfaces.stored_surfaces import StoredSurfaces
@@ -288,21 +288,7 @@ def _visit(volume: Volume, brick: Brick, job: Job, place: _Place) -> list[Rows]:
     }
     rows = []
     for isovalue, key in zip(job.isovalues.tolist(), job.keys, strict=True):
-        mesh = meshes.pop(isovalue, None) or _nothing(isovalue, brick)
+        mesh = meshes.pop(isovalue, None) or no_mesh(isovalue, brick)
         place.store.put(key, mesh)
         rows.append(chunk_row(mesh, job.row, key))
     return rows
-
-
-def _nothing(isovalue: float, brick: Brick) -> BrickMesh:
-    """Return a piece without triangles: every cell with a crossing is masked."""
-    return BrickMesh(
-        isovalue=isovalue,
-        brick=brick.index,
-        start=brick.start,
-        positions=np.empty((0, 3), dtype=np.float32),
-        gradients=np.empty((0, 3), dtype=np.float32),
-        edge_keys=np.empty(0, dtype=np.int64),
-        triangles=np.empty((0, 3), dtype=np.int32),
-        residuals=np.empty((0, 2), dtype=np.float32),
-    )
