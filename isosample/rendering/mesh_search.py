@@ -53,6 +53,8 @@ class MeshSearch:
     rounds : list of dict
         ``refine``, ``triangles``, ``error`` and ``above`` (share of the pixels above the tolerance) of every
         refinement that was tried, JSON-ready.
+    limited : bool
+        Whether the number of triangles ended the search.
     """
 
     refine: int
@@ -61,6 +63,7 @@ class MeshSearch:
     missed: str | None
     reason: str
     rounds: list[dict[str, Any]]
+    limited: bool = False
 
 
 def search_mesh(
@@ -100,11 +103,12 @@ def search_mesh(
     """
     rounds: list[dict[str, Any]] = []
     best: tuple[float, int, SurfaceSet] | None = None
+    limited = False
     possible = [refine for refine in REFINEMENTS if refine <= max_refine]
     reason = f"refine {max_refine} is the limit"
     for done, refine in enumerate(possible, start=1):
         if done > 1 and (stop := _no_further(rounds, max_triangles)):
-            reason = stop
+            reason, limited = stop, "triangles" in stop
             break
         surfaces = extract_surfaces(
             volume,
@@ -127,7 +131,7 @@ def search_mesh(
             break
     assert best is not None
     missed = None if best[0] <= tolerance else "mesh" if best[0] > DOMINANT * exact_error else "isovalues"
-    return MeshSearch(best[1], best[2], best[0], missed, reason, rounds)
+    return MeshSearch(best[1], best[2], best[0], missed, reason, rounds, limited)
 
 
 def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:

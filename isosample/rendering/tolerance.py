@@ -37,6 +37,12 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 SAFETY = 0.5  # share of the tolerance for the isovalues; the rest is the mesh's
+LOOSENED = (
+    1.0,
+    2.0,
+    4.0,
+    8.0,
+)  # targets for the isovalues, tried in turn while the triangles limit the refinement
 DEFAULT_PIXELS = 48
 DEFAULT_MAX_TRIANGLES = 20_000_000
 SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
@@ -157,19 +163,13 @@ def plan_for_tolerance(
         reconstruction=reconstruction,
         progress=_stage(progress, "truth"),
     )
-    isovalues = _search_isovalues(
-        volume, transfer_function, tried, tolerance, reconstruction, max_isovalues, progress
-    )
-    meshes = search_mesh(
+    isovalues, meshes = _search(
         volume,
-        isovalues.plan,
+        transfer_function,
         tried,
         settings,
-        tolerance=tolerance,
-        exact_error=isovalues.error,
-        max_refine=max_refine,
-        max_triangles=max_triangles,
-        progress=_stage(progress, "refine"),
+        (tolerance, max_isovalues, max_refine, max_triangles),
+        progress,
     )
     report = {
         "tolerance": tolerance,
@@ -187,6 +187,52 @@ def plan_for_tolerance(
     }
     plan = dataclasses.replace(isovalues.plan, report=report)
     return TolerancePlan(plan, meshes.refine, meshes.surfaces, report)
+
+
+def _search(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    views: PlanningViews,
+    settings: ExtractionSettings,
+    limits: tuple[float, int, int, int],
+    progress: Progress | None,
+) -> tuple[IsovalueSearch, MeshSearch]:
+    """Isovalues and meshes; fewer isovalues where their triangles leave no room for the refinement that is needed."""
+    tolerance, max_isovalues, max_refine, max_triangles = limits
+    best: tuple[IsovalueSearch, MeshSearch] | None = None
+    for looser in LOOSENED:
+        isovalues = _search_isovalues(
+            volume,
+            transfer_function,
+            views,
+            SAFETY * looser * tolerance,
+            settings.reconstruction,
+            max_isovalues,
+            progress,
+        )
+        meshes = search_mesh(
+            volume,
+            isovalues.plan,
+            views,
+            settings,
+            tolerance=tolerance,
+            exact_error=isovalues.error,
+            max_refine=max_refine,
+            max_triangles=max_triangles,
+            progress=_stage(progress, "refine"),
+        )
+        if best is None or meshes.error < best[1].error:
+            best = (isovalues, meshes)
+        if not (meshes.missed == "mesh" and meshes.limited):
+            break
+    assert best is not None
+    isovalues, meshes = best
+    if meshes.missed and looser > 1.0:
+        told = (
+            f"meshes of more isovalues, refined as they need, would have more than {max_triangles} triangles"
+        )
+        meshes = dataclasses.replace(meshes, missed="mesh", reason=told)
+    return isovalues, meshes
 
 
 def expected_error(estimates: Mapping[str, float], report: Mapping[str, Any]) -> float:
@@ -222,7 +268,7 @@ def _search_isovalues(
     volume: Volume,
     transfer_function: TransferFunction,
     views: PlanningViews,
-    tolerance: float,
+    target: float,
     reconstruction: Reconstruction,
     max_isovalues: int,
     progress: Progress | None,
@@ -238,7 +284,7 @@ def _search_isovalues(
         transfer_function,
         (low, high),
         lambda values: grid_crossings(volume, values, origins, directions, reconstruction=reconstruction),
-        target=SAFETY * tolerance,
+        target=target,
         max_isovalues=max_isovalues,
         gradients=_remembered(partial(gradient_at_values, volume)),
         least_slope=LEAST_SHEET_SLOPE * (high - low) / volume.box.radius,
@@ -253,7 +299,8 @@ def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -
         return f"{count} isovalues and refine {meshes.refine} reach the tolerance on the views"
     if meshes.missed == "mesh":
         return f"the mesh errs more than the tolerance, and {meshes.reason}"
-    limit = f"at most {max_isovalues} were allowed" if count < max_isovalues else "more were not allowed"
+    allowed = count < max_isovalues // 2  # a round doubles their number at most
+    limit = "no band can be divided further" if allowed else f"at most {max_isovalues} were allowed"
     return f"{count} isovalues leave an error of {isovalues.error:.3g} with exact crossings; {limit}"
 
 

@@ -36,7 +36,7 @@ def test_a_lazy_volume_leaves_the_folder_that_a_volume_in_memory_leaves(run: Run
     fields = outcome.fields()
     assert fields["levels"] == "13 (0 reused)"
     assert fields["pieces"].endswith("(0 reused)")
-    assert "MiB" in fields["peak memory"]
+    assert fields["peak memory"].endswith(("MiB", "GiB"))  # of the process, which holds what other tests left
     memory, lazy = content(folder / "memory"), content(folder / "lazy")
     chunks = {name for name in memory if name.endswith(".chunk")}
     assert chunks

@@ -16,7 +16,7 @@ from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views, reached
 from isosample.rendering.reference_image import render_reference
 from isosample.rendering.settings import RenderSettings, SegmentRule
-from isosample.rendering.tolerance import SAFETY, TolerancePlan, expected_error, plan_for_tolerance
+from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, expected_error, plan_for_tolerance
 from isosample.transfer.isovalue_plan import IsovaluePlan, Reason
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
@@ -160,14 +160,17 @@ def test_control_points_are_kept_even_where_they_are_too_many() -> None:
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize(
     ("options", "words"),
-    [({"max_refine": 1}, "refine 1 is the limit"), ({"max_triangles": 1000}, "triangles, more than 1000")],
+    [({"max_refine": 1}, "refine 1 is the limit"), ({"max_triangles": 1000}, "more than 1000 triangles")],
 )
 def test_a_mesh_that_is_too_coarse_is_reported(options: dict[str, int], words: str) -> None:
     plan = found(tolerance=1 / 128, **options)
     assert plan.missed == "mesh"
     assert plan.refine == 1
     assert plan.reached > 1 / 128
-    assert plan.report["rounds"][-1]["error"] <= SAFETY / 128
+    looser = (
+        LOOSENED[-1] if "max_triangles" in options else 1.0
+    )  # fewer isovalues leave room for finer meshes
+    assert plan.report["rounds"][-1]["error"] <= looser * SAFETY / 128
     assert words in plan.report["reason"]
 
 
