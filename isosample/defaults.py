@@ -5,3 +5,6 @@ DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")
 MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj", ".vtp")
 DEFAULT_MAX_ISOVALUES = 512  # of a search for a tolerance
+DEFAULT_MAX_TRIANGLES = 20_000_000  # a refinement that could have more is not tried
+SMALLEST_ERROR = 1e-5  # that may be asked for: slopes are half floats and pictures float32
+SHOWN_QUANTILE = 0.999  # errors are told as what all pixels but a thousandth keep to

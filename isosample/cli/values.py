@@ -6,6 +6,8 @@ import argparse
 import math
 import re
 
+from isosample.defaults import SMALLEST_ERROR
+
 SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
 BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,15})?) ?([KMGT]i?B)", re.ASCII | re.IGNORECASE)
 UNITS = {
@@ -15,7 +17,6 @@ UNITS = {
 }
 LARGEST_MEMORY = 1 << 60
 LARGEST_EDGE = 1 << 20
-SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
 LARGEST_ZOOM = 1e6  # the GPU places vertices in float32: beyond it one pixel shows less than a rounding step
 SMALLEST_NORMAL, LARGEST_NORMAL = 1e-100, 1e100  # squares of these stay inside float64
 
@@ -49,9 +50,9 @@ def tolerance(text: str) -> float:
         number = positive(top) / positive(bottom) if slash else positive(top)
     except argparse.ArgumentTypeError:
         number = 0.0
-    if not SMALLEST_TOLERANCE <= number <= 1.0:
+    if not SMALLEST_ERROR <= number <= 1.0:
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be an error from {SMALLEST_TOLERANCE:g} to 1, such as 1/255 or 0.004"
+            f"{text!r} must be an error from {SMALLEST_ERROR:g} to 1, such as 1/255 or 0.004"
         )
     return number
 

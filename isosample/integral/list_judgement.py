@@ -25,6 +25,7 @@ from isosample.integral.list_walk import (
     BACK,
     BAND,
     END,
+    FIRST_ROOM,
     FRONT,
     LEVEL,
     RESIDUAL,
@@ -42,8 +43,6 @@ if TYPE_CHECKING:
     from isosample.integral.list_segments import Optics
 
 F64 = npt.NDArray[np.float64]
-
-FIRST_ROOM = 64  # steps of a ray; more where they do not suffice
 
 
 @compiled

@@ -10,15 +10,13 @@ import numpy.typing as npt
 from isosample.compiled import compiled
 from isosample.integral.list_segments import composite, is_cut, level_light, segment_light, visible_part
 from isosample.integral.list_spans import COUNTS_SIZE, REORDERED, STEPS, UNPLACED, VIOLATIONS
-from isosample.integral.list_walk import LEVEL, STEP_SIZE, walk_ray
+from isosample.integral.list_walk import FIRST_ROOM, LEVEL, STEP_SIZE, walk_ray
 
 if TYPE_CHECKING:
     from isosample.integral.data_centric import Prepared
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-FIRST_ROOM = 64  # steps of a ray; more where they do not suffice
 
 
 @compiled

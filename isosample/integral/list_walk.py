@@ -46,6 +46,7 @@ I64 = npt.NDArray[np.int64]
 # of its ends; then the level crossed at END (−1: none), |df/dt| there [data units/world], whether that is known or else
 # the chord's, and the residual.
 START, END, BAND, FRONT, BACK, SLOPE_FRONT, SLOPE_BACK, LEVEL, STEEPNESS, SLOPE_KNOWN, RESIDUAL = range(11)
+FIRST_ROOM = 64  # steps of a ray; more where they do not suffice
 STEP_SIZE = 11
 
 BISECTIONS = 52  # of a gap: to rounding; in float32 24 are enough

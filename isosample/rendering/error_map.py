@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from isosample.defaults import IMAGE_SUFFIXES
+from isosample.defaults import IMAGE_SUFFIXES, SHOWN_QUANTILE
 from isosample.errors import InputError, MissingDependencyError
 from isosample.files import replacing
 from isosample.integral.list_errors import judge_lists
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 F32 = npt.NDArray[np.float32]
 
 PART_BYTES = 64 << 20  # lists that are read back and judged at once
-QUANTILE = 0.999
 SMALLEST_SHOWN = 1e-6  # of the colour scale: below it float32 pictures do not tell
 PANELS = {
     "indicator": "|cubic − linear|",
@@ -189,7 +188,7 @@ def error_map(
 
 def quantile(values: F32) -> float:
     """Error that a thousandth of the pixels exceed."""
-    return float(np.quantile(values, QUANTILE)) if values.size else 0.0
+    return float(np.quantile(values, SHOWN_QUANTILE)) if values.size else 0.0
 
 
 def _matplotlib() -> tuple[Any, Any, Any]:

@@ -11,7 +11,7 @@ from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import reached
 from isosample.rendering.settings import RenderSettings, SegmentRule
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.settings import REFINEMENTS
+from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
 
-LARGEST_GROWTH = 4.0  # a triangle is divided into four at most
 LEAST_GAIN = (
     0.9  # a refinement that leaves more than this of the error and of the pixels above the tolerance did
 )
@@ -137,7 +136,7 @@ def search_mesh(
 def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:
     """Why a further refinement is not tried; empty where it is."""
     last = rounds[-1]
-    growth = LARGEST_GROWTH
+    growth = float(LARGEST_GROWTH)
     if len(rounds) > 1:
         growth = min(growth, last["triangles"] / max(rounds[-2]["triangles"], 1))
         if all(last[measure] > LEAST_GAIN * rounds[-2][measure] for measure in ("error", "above")):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import SHOWN_QUANTILE
 from isosample.integral.reference import ReferenceTracer
 from isosample.rendering.camera import Camera
 
@@ -23,7 +24,6 @@ F64 = npt.NDArray[np.float64]
 
 # Azimuth and elevation of the views [degrees]: from four sides, above and below, along no axis of the grid.
 DEFAULT_ORBIT = ((25.0, 20.0), (115.0, -35.0), (205.0, 50.0), (295.0, -5.0))
-QUANTILE = 0.999  # of the pixels are to be within the tolerance
 TRUTH_SHARE = 1e-3  # the truth is known so much better than the tolerance
 
 
@@ -92,4 +92,4 @@ def orbit_views(box: Box) -> tuple[Camera, ...]:
 
 def reached(errors: F64) -> float:
     """Error that no more than a thousandth of the rays exceed."""
-    return float(np.quantile(errors, QUANTILE, method="higher"))
+    return float(np.quantile(errors, SHOWN_QUANTILE, method="higher"))

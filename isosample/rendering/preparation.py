@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_PER_SLOPE
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
-from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings
+from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS, ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.volume.reconstruction import GridSpline, Reconstruction
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 AUTO_DISTANCE = 0.01  # rms distance between mesh and isosurface that `refine=None` asks for [voxel]
-MOST_TRIANGLES = 20_000_000  # `refine=None` tries no refinement that could have more
-GROWTH = 4  # a division makes four triangles of one at most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +170,10 @@ def _refined_enough(
     for refine in REFINEMENTS:
         surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=True, **options)
         distance = mesh_distance(surfaces, quality.curved)
-        if distance <= AUTO_DISTANCE or GROWTH * sum(surfaces.statistics.triangles) > MOST_TRIANGLES:
+        if (
+            distance <= AUTO_DISTANCE
+            or LARGEST_GROWTH * sum(surfaces.statistics.triangles) > DEFAULT_MAX_TRIANGLES
+        ):
             break
     return surfaces, distance
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, SHOWN_QUANTILE, SMALLEST_ERROR
 from isosample.errors import InputError
 from isosample.gl.context import shared_context
 from isosample.rendering.camera import Camera
@@ -18,7 +18,7 @@ from isosample.rendering.isovalue_search import search_isovalues
 from isosample.rendering.mesh_search import search_mesh
 from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.planning_views import QUANTILE, PlanningViews, orbit_views
+from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
@@ -44,8 +44,6 @@ LOOSENED = (
     8.0,
 )  # targets for the isovalues, tried in turn while the triangles limit the refinement
 DEFAULT_PIXELS = 48
-DEFAULT_MAX_TRIANGLES = 20_000_000
-SMALLEST_TOLERANCE = 1e-5  # slopes are half floats and pictures float32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +178,7 @@ def plan_for_tolerance(
         "refine": meshes.refine,
         "views": tried.describe(),
         "pixels": pixels,
-        "quantile": QUANTILE,
+        "quantile": SHOWN_QUANTILE,
         "rounds": isovalues.rounds,
         "refinements": meshes.rounds,
         "estimates": _estimates(meshes.surfaces, isovalues.plan, tried),
@@ -320,9 +318,9 @@ def _remembered(gradients: Gradients) -> Gradients:
 def _check(tolerance: object, max_refine: object, counts: Mapping[str, tuple[object, int]]) -> None:
     """Raise `InputError` for an option out of range; `counts` are whole numbers and the least each may be."""
     number = isinstance(tolerance, (int, float, np.floating)) and not isinstance(tolerance, bool)
-    if not number or not SMALLEST_TOLERANCE <= cast("float", tolerance) <= 1:
+    if not number or not SMALLEST_ERROR <= cast("float", tolerance) <= 1:
         raise InputError(
-            f"tolerance {tolerance!r} must be a number from {SMALLEST_TOLERANCE:g} to 1, for instance 1/256."
+            f"tolerance {tolerance!r} must be a number from {SMALLEST_ERROR:g} to 1, for instance 1/256."
         )
     for name, (count, least) in counts.items():
         if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < least:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64, Volume
 
 REFINEMENTS = (1, 2, 4, 8)
+LARGEST_GROWTH = 4  # from one refinement to the next a triangle is divided into four at most
 LARGEST_SPAN = float(np.finfo(np.float32).max)  # gradients are float32
 # Coefficients of an interpolating cubic spline are at most 3 times the samples along each axis, and the
 # slopes of its weights add up to at most 2: 3³ · 2 < 64.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import io
 import math
-import sys
 import zlib
 from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, BinaryIO, cast
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 
 DEFLATE_RATIO = 1032  # the most that deflate can shrink: 258 bytes in 2 bits (zlib's technical notes)
 INFLATE_BYTES = 1 << 20  # read this many bytes at a time from a compressed stream
-NATIVE_ORDER = "<" if sys.byteorder == "little" else ">"
 
 Triple = tuple[int, int, int]
 
