@@ -12,7 +12,20 @@ const int BINDING_COUNTERS = 2;          // storage: struct Counters
 const int BINDING_BANDS = 3;             // storage: struct Band, one more than there are levels
 const int BINDING_LEVELS = 4;            // storage: struct Level, one per level
 const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised samples, or of spline coefficients
+const int BINDING_RAYCAST = 1;           // uniform block of the ray caster: struct Raycast
+const int BINDING_RAY_COUNTERS = 6;      // storage: struct RayCounters
+const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pixel of the tile
+const int BINDING_BAND_STARTS = 8;       // storage: band in which each of BAND_START_COUNT value bins begins
+const int BINDING_PEAKS = 9;             // storage: struct Peak, ascending values
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
+const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
+const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an empty macrocell (0: not empty), green the step multiplier
+const int UNIT_TRANSFER = 2;             // texture unit: sampled transfer function
+const int UNIT_PRE_INTEGRATION = 3;      // texture unit: radiance and opacity of a stretch by its two values (and length)
+const int UNIT_PEAK_TABLE = 4;           // texture unit: peaks between two values
+
+const int BAND_START_COUNT = 1024;       // bins of the normalised value range
+const float MASKED_VALUE = 1e20;         // a sample above this is not finite in the data: nothing is seen there
 
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
@@ -92,4 +105,56 @@ struct Frame {
     int smooth_faces;        // 1: the faces hold spline coefficients, one more on every side
     float curved_limit;      // largest way from a triangle to the curved surface [world]
     float reach;             // diagonal of a cell [world]: how far apart crossings of one place may lie in the wrong order
+};
+
+// Volume and sampling of the ray caster (std140).
+struct Raycast {
+    vec4 index_row_x;    // sample index = dot(row.xyz, local) + row.w
+    vec4 index_row_y;
+    vec4 index_row_z;
+    ivec4 samples;       // samples along x, y, z; w: 1 where coefficients lie beside them on every side
+    ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
+    vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
+    float voxel;         // smallest distance between samples [world]
+    float step;          // uniform sampling: distance of samples [world]; differential: the scale s_k [pixel]
+    float pixel;         // diagonal of a pixel on the image plane: at distance 1 (perspective) or [world] (orthographic)
+    int root_iterations; // secant steps
+    uint jitter_seed;    // 0: no jitter
+    int band_count;
+    int peak_count;
+    int table_layers;    // lengths of the pre-integration table
+    float table_length;  // stretch of its first layer [world]
+    float table_ratio;   // natural logarithm of the length of one layer over that of the one before
+    int transfer_size;   // entries of the sampled transfer function
+    int loop_limit;      // iterations after which a ray is put aside until the next call
+    ivec2 resumed;       // x: 1 where rays go on from their states
+};
+
+// Where a ray is, between two calls.
+struct RayState {
+    vec4 light;          // radiance, transmittance
+    int sample_index;    // next sample; -1: done
+    float entry;         // distance at which the macrocell was entered [world]
+    uint cell_xy;        // macrocell: x in the low 16 bits, y in the high
+    uint cell_z;
+};
+
+struct RayCounters {
+    uint samples;        // field evaluations of the sampling, gradients not counted
+    uint roots;          // field evaluations of root finding
+    uint macrocells;     // visited with samples
+    uint skipped;        // leaps over empty macrocells
+    uint terminated_rays; // ended behind an opaque front
+    uint unfinished_rays; // have to go on in another call
+    uint most_samples;   // of one ray
+    uint crossings;      // of peaks and isosurfaces, composited
+};
+
+// A local maximum of the extinction, or an isosurface.
+struct Peak {
+    vec4 color;          // straight linear RGB; w: extinction [1/world], or opacity of an isosurface
+    float value;         // normalised
+    float low;           // normalised: the peak's share of the transfer function begins here
+    float high;          // and ends here
+    uint isosurface;     // 1: composited with its opacity, whatever the angle
 };

@@ -1,0 +1,173 @@
+"""How the ray caster samples and classifies, besides what every picture has (`RenderSettings`)."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+from isosample.errors import InputError
+from isosample.volume.reconstruction import Reconstruction
+
+DEFAULT_STEP = 0.5  # [voxel]
+DEFAULT_PIXEL_SCALE = 4.0  # s_k of Knoll et al. 2009, section 5.3
+SMALLEST_STEP, LARGEST_STEP = 1.0 / 1024.0, 64.0  # [voxel]
+SMALLEST_PIXEL_SCALE, LARGEST_PIXEL_SCALE = 1.0 / 64.0, 1024.0
+TABLE_SIZES = (2, 1024)
+PEAK_BINS = (16, 1024)
+MOST_PEAKS = 4  # of an entry of the peak table
+
+
+class Classification(enum.Enum):
+    """What is made of the values along a ray."""
+
+    POST_CLASSIFIED = "post-classified"
+    PRE_INTEGRATED = "pre-integrated"
+    PEAK_FINDING = "peak-finding"
+
+
+class Sampling(enum.Enum):
+    """Where along a ray the field is sampled: even steps, or steps that grow with the distance from the eye."""
+
+    UNIFORM = "uniform"
+    DIFFERENTIAL = "differential"
+
+
+class Quadrature(enum.Enum):
+    """Post-classified stretches: by the sample at their front (order 1), or by both ends (order 2)."""
+
+    RIEMANN = "riemann"
+    TRAPEZOID = "trapezoid"
+
+
+class Integration(enum.Enum):
+    """Pre-integrated stretches: piece by piece of the transfer function, or from a table."""
+
+    EXACT = "exact"
+    TABLE_2D = "2d"
+    TABLE_3D = "3d"
+
+
+class TransferLookup(enum.Enum):
+    """The transfer function at a value: straight lines between its points, or a texture of 8192 entries."""
+
+    EXACT = "exact"
+    TEXTURE = "texture"
+
+
+class PeakMode(enum.Enum):
+    """What peak finding shows: samples and peaks, peaks in place of samples, or one of the two alone."""
+
+    BOTH = "both"
+    XOR = "xor"
+    PEAK_ONLY = "peak-only"
+    DVR_ONLY = "dvr-only"
+
+
+class PeakWeight(enum.Enum):
+    """Opacity of a peak: the extinction over a length of 1 (the paper), or its exact share of the integral."""
+
+    PAPER = "paper"
+    INTEGRAL = "integral"
+
+
+class Crossings(enum.Enum):
+    """Where a stretch crosses a peak: rule of signs and secant steps, or all roots of every cell's cubic."""
+
+    SECANT = "secant"
+    EXACT = "exact"
+
+
+class Filtering(enum.Enum):
+    """Who interpolates: the shader in float32, or the texture unit (some GPUs: 8-bit fractions)."""
+
+    SHADER = "shader"
+    HARDWARE = "hardware"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RaycastSettings:
+    """Settings of the ray caster.
+
+    Attributes
+    ----------
+    classification : Classification
+    sampling : Sampling
+    step : float
+        Uniform sampling: distance between samples [voxel, the smallest spacing].
+    pixel_scale : float
+        Differential sampling: s_k of Knoll et al. 2009, the first step in pixels of an image plane one voxel
+        in front of the eye.
+    adaptive : bool
+        Whether the step of every macrocell is a multiple 2/m + 1 of the base step, m being the largest
+        standard deviation of its cells over that of the volume (eq. 8 of Knoll et al. 2010).
+    jitter : int or None
+        Seed of a shift of every ray's samples by a part of a step; None: no shift.
+    quadrature : Quadrature
+    integration : Integration
+    table_size : int
+        Values along an edge of the pre-integration table.
+    transfer_lookup : TransferLookup
+    peak_mode : PeakMode
+    peak_weight : PeakWeight
+    crossings : Crossings
+    peak_bins : int
+        Values along an edge of the peak table.
+    peaks : int
+        Most peaks between two samples that the table holds, 1 to 4; exact crossings find all of them.
+    root_iterations : int
+        Secant steps.
+    reconstruction : Reconstruction
+    filtering : Filtering
+    skipping : bool
+        Whether empty macrocells are leapt over.
+    macrocells : int
+        Macrocells along the longest axis, at most.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range.
+    """
+
+    classification: Classification = Classification.PRE_INTEGRATED
+    sampling: Sampling = Sampling.UNIFORM
+    step: float = DEFAULT_STEP
+    pixel_scale: float = DEFAULT_PIXEL_SCALE
+    adaptive: bool = False
+    jitter: int | None = None
+    quadrature: Quadrature = Quadrature.TRAPEZOID
+    integration: Integration = Integration.EXACT
+    table_size: int = 256
+    transfer_lookup: TransferLookup = TransferLookup.EXACT
+    peak_mode: PeakMode = PeakMode.BOTH
+    peak_weight: PeakWeight = PeakWeight.PAPER
+    crossings: Crossings = Crossings.SECANT
+    peak_bins: int = 256
+    peaks: int = 1
+    root_iterations: int = 3
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    filtering: Filtering = Filtering.SHADER
+    skipping: bool = True
+    macrocells: int = 64
+
+    def __post_init__(self) -> None:
+        _check_between("step", self.step, SMALLEST_STEP, LARGEST_STEP, "voxels")
+        _check_between("pixel_scale", self.pixel_scale, SMALLEST_PIXEL_SCALE, LARGEST_PIXEL_SCALE, "pixels")
+        _check_whole("table_size", self.table_size, *TABLE_SIZES)
+        _check_whole("peak_bins", self.peak_bins, *PEAK_BINS)
+        _check_whole("peaks", self.peaks, 1, MOST_PEAKS)
+        _check_whole("root_iterations", self.root_iterations, 0, 64)
+        _check_whole("macrocells", self.macrocells, 1, 1024)
+        if self.jitter is not None:
+            _check_whole("jitter", self.jitter, 0, 2**32 - 2)
+
+
+def _check_between(name: str, number: float, low: float, high: float, unit: str) -> None:
+    if not (math.isfinite(number) and low <= number <= high):
+        raise InputError(f"{name} {number!r} must be a number of {unit} from {low:g} to {high:g}.")
+
+
+def _check_whole(name: str, number: object, low: int, high: int) -> None:
+    if isinstance(number, bool) or not isinstance(number, int) or not low <= number <= high:
+        raise InputError(f"{name} {number!r} must be a whole number from {low} to {high}.")
