@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.tiles import Tile
-    from isosample.volume.grid import Box
+    from isosample.volume.grid import Box, GridGeometry
 
 LAYOUTS = "lib/layouts.glsl"
 FARTHEST_EYE = 1e4  # radii of the box: distances are then rounded to 1e4 · 2^-24 radii, a fraction of a cell
@@ -50,19 +50,40 @@ def storage_dtype(name: str) -> np.dtype[np.void]:
 
 
 @cache
+def uniform_dtype(name: str) -> np.dtype[np.void]:
+    """Layout of a struct of ``shaders/lib/layouts.glsl`` in a uniform block."""
+    return struct_dtypes(_layouts_text(), Packing.STD140)[name]
+
+
 def frame_dtype() -> np.dtype[np.void]:
     """Layout of the struct Frame in a uniform block."""
-    return struct_dtypes(_layouts_text(), Packing.STD140)["Frame"]
+    return uniform_dtype("Frame")
 
 
 def frame_block(
     scene: Scene, camera: Camera, size: tuple[int, int], settings: RenderSettings
 ) -> npt.NDArray[np.void]:
-    """(1,) Frame for a picture of (width, height) pixels; the tile is filled in by `set_tile`."""
+    """(1,) Frame for a picture of a scene of (width, height) pixels; the tile is filled in by `set_tile`."""
+    block = camera_block(scene.geometry, camera, size, settings)
+    frame = block[0]
+    frame["level_count"] = len(scene.level_optics)
+    diagonal = float(np.linalg.norm(scene.geometry.spacing))
+    frame["reach"], frame["curved_limit"] = diagonal, CURVED_LIMIT * diagonal
+    if scene.face_kernel is not None:
+        frame["smooth_faces"], frame["face_kernel"] = 1, scene.face_kernel
+    frame["box_faces"] = int(scene.mask is None)
+    frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
+    return block
+
+
+def camera_block(
+    geometry: GridGeometry, camera: Camera, size: tuple[int, int], settings: RenderSettings
+) -> npt.NDArray[np.void]:
+    """(1,) Frame without surfaces: camera, box and look of a picture of (width, height) pixels."""
     block = np.zeros(1, dtype=frame_dtype())
     frame = block[0]
     width, height = size
-    box = scene.geometry.box
+    box = geometry.box
     rays = camera.rays(width / height)
     for name, vector in (
         ("forward", rays.forward),
@@ -79,21 +100,14 @@ def frame_block(
     unit_from_local = np.linalg.inv(box.edges.T)
     for name, row in zip(("unit_row_x", "unit_row_y", "unit_row_z"), unit_from_local, strict=True):
         frame[name] = (*row, 0.5)
-    matrix = scene.geometry.world_from_index
+    matrix = geometry.world_from_index
     frame["first_sample"][:3] = matrix[:3, 3] - box.centre
     for name, column in zip(("step_x", "step_y", "step_z"), matrix[:3, :3].T, strict=True):
         frame[name][:3] = column
     _set_look(frame, settings, box.centre)
     frame["image_size"] = (width, height)
-    frame["samples_xy"] = scene.geometry.size_xyz[:2]
-    frame["samples_z"] = scene.geometry.size_xyz[2]
-    frame["level_count"] = len(scene.level_optics)
-    diagonal = float(np.linalg.norm(scene.geometry.spacing))
-    frame["reach"], frame["curved_limit"] = diagonal, CURVED_LIMIT * diagonal
-    if scene.face_kernel is not None:
-        frame["smooth_faces"], frame["face_kernel"] = 1, scene.face_kernel
-    frame["box_faces"] = int(scene.mask is None)
-    frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
+    frame["samples_xy"] = geometry.size_xyz[:2]
+    frame["samples_z"] = geometry.size_xyz[2]
     return block
 
 
