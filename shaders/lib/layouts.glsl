@@ -116,8 +116,8 @@ struct Raycast {
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
     float voxel;         // smallest distance between samples [world]
-    float step;          // uniform sampling: distance of samples [world]; differential: the scale s_k [pixel]
-    float pixel;         // diagonal of a pixel on the image plane: at distance 1 (perspective) or [world] (orthographic)
+    float step;          // first step along a ray [world]
+    float growth;        // 1: steps grow with the distance from the eye (differential sampling); 0: they do not
     int root_iterations; // secant steps
     uint jitter_seed;    // 0: no jitter
     int band_count;
@@ -127,7 +127,7 @@ struct Raycast {
     float table_ratio;   // natural logarithm of the length of one layer over that of the one before
     int transfer_size;   // entries of the sampled transfer function
     int loop_limit;      // iterations after which a ray is put aside until the next call
-    ivec2 resumed;       // x: 1 where rays go on from their states
+    int resumed;         // 1: rays go on from their states
 };
 
 // Where a ray is, between two calls.
@@ -137,6 +137,7 @@ struct RayState {
     float entry;         // distance at which the macrocell was entered [world]
     uint cell_xy;        // macrocell: x in the low 16 bits, y in the high
     uint cell_z;
+    uint samples;        // so far
 };
 
 struct RayCounters {

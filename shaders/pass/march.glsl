@@ -1,0 +1,118 @@
+// The march of a ray: from macrocell to macrocell, with samples inside those that show something.
+// Samples have numbers: that of a distance is the same whatever was left out before it, so skipping changes no picture.
+// Source: Amanatides and Woo 1987 (3D-DDA); Knoll et al. 2009, sections 6.1 and 6.2.
+
+// Where the march is.
+struct March {
+    int number;                           // sample at which the next stretch begins
+    float entry;                          // distance at which the ray entered `cell` [world]
+    ivec3 cell;                           // macrocell
+};
+
+// A macrocell, or a block of empty ones around it, and where the ray leaves it.
+struct Room {
+    ivec3 low;                            // first macrocell
+    ivec3 high;                           // one behind the last
+    float exit;                           // [world]
+    int axis;                             // normal of the face through which it leaves
+};
+
+float numbered_distance(int number) {
+    float distance = sample_distance(ray.first_step, ray.growth, float(number) + ray.shift);
+    return clamp(distance, ray.start, ray.end);
+}
+
+float number_at(float distance) { return sample_number(ray.first_step, ray.growth, distance) - ray.shift; }
+
+March fresh_march() {
+    ivec3 cell = clamp(ivec3(ray.index_start) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
+    return March(int(floor(number_at(ray.start))), ray.start, cell);
+}
+
+March resumed_march(RayState state) {
+    ray.radiance = state.light.rgb;
+    ray.transmittance = state.light.a;
+    ray.samples = state.samples;
+    return March(state.sample_index, state.entry, ivec3(state.cell_xy & 0xFFFFu, state.cell_xy >> 16, state.cell_z));
+}
+
+RayState state_of(March march) {
+    uint cell_xy = uint(march.cell.x) | uint(march.cell.y) << 16;
+    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, cell_xy, uint(march.cell.z), ray.samples);
+}
+
+// The macrocell, or, `leap` > 0, the block of those less than `leap` away from it.
+Room room_around(March march, int leap) {
+    int reach = max(leap - 1, 0);
+    Room room;
+    room.low = max(march.cell - reach, ivec3(0));
+    room.high = min(march.cell + reach + 1, raycast.macrocells.xyz);
+    vec3 exits;
+    for (int axis = 0; axis < 3; ++axis) {
+        float along = ray.index_direction[axis];
+        float bound = float((along > 0.0 ? room.high[axis] : room.low[axis]) * raycast.macrocells.w);
+        exits[axis] = along == 0.0 ? FAR : ray.start + (bound - ray.index_start[axis]) / along;
+    }
+    room.axis = exits.x <= exits.y && exits.x <= exits.z ? 0 : exits.y <= exits.z ? 1 : 2;
+    room.exit = max(exits[room.axis], march.entry);
+    return room;
+}
+
+// Moves on to the macrocell behind the room; false if there is none.
+bool leave(Room room, inout March march) {
+    march.entry = room.exit;
+    vec3 index = ray.index_start + (room.exit - ray.start) * ray.index_direction;
+    ivec3 next = clamp(ivec3(floor(index / float(raycast.macrocells.w))), room.low, room.high - 1);
+    next[room.axis] = ray.index_direction[room.axis] > 0.0 ? room.high[room.axis] : room.low[room.axis] - 1;
+    march.cell = next;
+    return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
+}
+
+// Composites the stretches that lie in a room: steps of `multiplier` samples, and one of a single sample out of it.
+// False if the ray has to go on in another call.
+bool cross(Room room, int multiplier, inout March march, inout int loops) {
+    float exit_number = number_at(min(room.exit, ray.end));
+    int inside = int(floor(exit_number));
+    int last = int(ceil(exit_number));
+    march.number = max(march.number, int(floor(number_at(march.entry))));
+    if (march.number >= last) return true;
+    float start = numbered_distance(march.number);
+    float front = field(ray_at(start));
+    ++ray.samples;
+    while (march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0) {
+        march.number = march.number < inside ? min(march.number + multiplier, inside) : march.number + 1;
+        float end = numbered_distance(march.number);
+        float back = field(ray_at(end));
+        ++ray.samples;
+        if (end > start && max(front, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, front, back));
+        start = end;
+        front = back;
+        --loops;
+    }
+    return march.number >= last || ray.transmittance < frame.min_transmittance;
+}
+
+// True if the ray is at its end; else `march` is where it goes on.
+bool march(inout March march) {
+    int loops = raycast.loop_limit;
+    uint visited = 0u;
+    uint skipped = 0u;
+    bool ended = false;
+    while (!ended && loops > 0) {
+        --loops;
+        uvec4 cell = texelFetch(macrocells, march.cell, 0);
+        Room room = room_around(march, int(cell.r));
+        if (cell.r == 0u) {
+            ++visited;
+            if (!cross(room, int(cell.g), march, loops)) break;
+            ended = ray.transmittance < frame.min_transmittance;
+        } else {
+            ++skipped;
+        }
+        ended = ended || !leave(room, march);
+    }
+    if (visited > 0u) atomicAdd(counters.macrocells, visited);
+    if (skipped > 0u) atomicAdd(counters.skipped, skipped);
+    if (ended && ray.transmittance < frame.min_transmittance) atomicAdd(counters.terminated_rays, 1u);
+    return ended;
+}

@@ -1,0 +1,148 @@
+// Ray caster: marches a ray through the macrocells and composites the stretches between its samples, front to back.
+// Expects the constants of the entry file.
+// Source: Knoll et al. 2009, sections 5 and 6, Algorithm 1.
+
+layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
+layout(std140, binding = BINDING_RAYCAST) uniform RaycastBlock { Raycast raycast; };
+layout(std430, binding = BINDING_BANDS) readonly buffer Bands { Band bands[]; };
+layout(std430, binding = BINDING_LEVELS) readonly buffer Levels { Level levels[]; };
+layout(std430, binding = BINDING_BAND_STARTS) readonly buffer BandStarts { uint band_starts[]; };
+layout(std430, binding = BINDING_PEAKS) readonly buffer Peaks { Peak peaks[]; };
+layout(std430, binding = BINDING_RAY_COUNTERS) buffer RayCounterBlock { RayCounters counters; };
+layout(std430, binding = BINDING_RAY_STATES) buffer RayStates { RayState states[]; };
+layout(binding = UNIT_MACROCELLS) uniform usampler3D macrocells;
+
+const float FAR = 1e30;
+
+// One ray of the picture.
+struct Ray {
+    vec3 direction;                       // unit, local
+    float start;                          // distance at which it enters what is shown [world]
+    float end;                            // and leaves it
+    vec3 index_start;                     // sample index at `start`
+    vec3 index_direction;                 // sample indices per world unit
+    float first_step;                     // [world]
+    float growth;                         // of the steps [world]
+    float shift;                          // of the samples, in steps
+    vec3 radiance;
+    float transmittance;
+    uint samples;
+    uint roots;
+    uint crossings;
+};
+
+// The part of a ray between two samples.
+struct Stretch {
+    float start;                          // distance [world]
+    float end;
+    float front;                          // normalised value at `start`
+    float back;                           // and at `end`
+};
+
+Ray ray;
+
+#include "pass/field.glsl"
+
+vec3 ray_at(float distance) {
+    vec3 index = ray.index_start + (distance - ray.start) * ray.index_direction;
+    return clamp(index, vec3(0.0), vec3(raycast.samples.xyz - 1));
+}
+
+// The field on the ray, for root finding.
+float ray_value(float distance) {
+    ++ray.roots;
+    return field(ray_at(distance));
+}
+
+// What light does to a colour there: colour * x + y.
+vec2 light_at(float distance) {
+#if SHADING
+    vec3 slope = field_gradient(ray_at(distance));
+    vec3 gradient = slope.x * raycast.index_row_x.xyz + slope.y * raycast.index_row_y.xyz + slope.z * raycast.index_row_z.xyz;
+    float steepness = length(gradient);
+    vec3 normal = steepness > 0.0 ? gradient / steepness : vec3(0.0);
+    float highlight = blinn_phong(vec3(0.0), normal, ray.direction, frame.material).x;
+    return vec2(blinn_phong(vec3(1.0), normal, ray.direction, frame.material).x - highlight, highlight);
+#else
+    return vec2(1.0, 0.0);
+#endif
+}
+
+// Adds what a part of the ray emits, and takes away what it absorbs.
+void composite(vec3 emission, float opacity) {
+    ray.radiance += ray.transmittance * emission;
+    ray.transmittance *= 1.0 - opacity;
+}
+
+#include "pass/transfer.glsl"
+#include "pass/classify.glsl"
+#include "pass/march.glsl"
+
+// Cuts the ray to what is inside the box, in front of the eye and on the kept side of every clip plane.
+void cut_ray(vec3 origin) {
+    vec3 unit_origin = vec3(dot(frame.unit_row_x.xyz, origin) + frame.unit_row_x.w, dot(frame.unit_row_y.xyz, origin) + frame.unit_row_y.w,
+                            dot(frame.unit_row_z.xyz, origin) + frame.unit_row_z.w);
+    vec3 unit_direction = vec3(dot(frame.unit_row_x.xyz, ray.direction), dot(frame.unit_row_y.xyz, ray.direction),
+                               dot(frame.unit_row_z.xyz, ray.direction));
+    vec2 inside = box_interval(unit_origin, unit_direction);
+    ray.start = max(inside.x, 0.0);
+    ray.end = inside.y;
+    for (int i = 0; i < frame.clip_plane_count; ++i) {
+        float at_origin = dot(frame.clip_planes[i].xyz, origin) + frame.clip_planes[i].w;
+        float along = dot(frame.clip_planes[i].xyz, ray.direction);
+        if (along == 0.0) { if (at_origin < 0.0) ray.end = -FAR; }
+        else if (along > 0.0) ray.start = max(ray.start, -at_origin / along);
+        else ray.end = min(ray.end, -at_origin / along);
+    }
+}
+
+void begin_ray(ivec2 pixel) {
+    vec2 plane = image_plane_position(pixel, frame.image_size);
+    vec3 offset = plane.x * frame.span_right + plane.y * frame.span_up;
+    vec3 direction = frame.forward + frame.perspective * offset;
+    vec3 origin = frame.eye + (1.0 - frame.perspective) * offset;
+    ray.direction = normalize(direction);
+    cut_ray(origin);
+    vec3 entry = origin + ray.start * ray.direction;
+    ray.index_start = vec3(dot(raycast.index_row_x.xyz, entry) + raycast.index_row_x.w,
+                           dot(raycast.index_row_y.xyz, entry) + raycast.index_row_y.w,
+                           dot(raycast.index_row_z.xyz, entry) + raycast.index_row_z.w);
+    ray.index_direction = vec3(dot(raycast.index_row_x.xyz, ray.direction), dot(raycast.index_row_y.xyz, ray.direction),
+                               dot(raycast.index_row_z.xyz, ray.direction));
+    ray.first_step = raycast.step;
+    ray.growth = frame.perspective * raycast.growth * raycast.step * direction_differential(direction, frame.span_right);
+    ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
+    ray.radiance = vec3(0.0);
+    ray.transmittance = 1.0;
+    ray.samples = 0u;
+    ray.roots = 0u;
+    ray.crossings = 0u;
+}
+
+// Marches a pixel's ray; true, and its colour, if that ends it in this call.
+bool raycast_pixel(ivec2 pixel, out vec4 color) {
+    ivec2 in_tile = pixel - frame.tile_origin;
+    int place = in_tile.y * frame.tile_size.x + in_tile.x;
+    color = vec4(0.0);
+    if (raycast.resumed != 0 && states[place].sample_index < 0) return false;
+    begin_ray(pixel);
+    bool ended = true;
+    if (ray.start < ray.end) {
+        March state = raycast.resumed != 0 ? resumed_march(states[place]) : fresh_march();
+        ended = march(state);
+        if (!ended) states[place] = state_of(state);
+    }
+    if (ray.roots > 0u) atomicAdd(counters.roots, ray.roots);
+    if (ray.crossings > 0u) atomicAdd(counters.crossings, ray.crossings);
+    if (!ended) {
+        atomicAdd(counters.unfinished_rays, 1u);
+        return false;
+    }
+    states[place].sample_index = -1;
+    if (ray.samples > 0u) {
+        atomicAdd(counters.samples, ray.samples);
+        atomicMax(counters.most_samples, ray.samples);
+    }
+    color = vec4(ray.radiance, 1.0 - ray.transmittance) + ray.transmittance * frame.background;
+    return true;
+}

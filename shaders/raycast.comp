@@ -1,0 +1,55 @@
+#version 450 core
+// Ray caster, compute entry (faster on most GPUs): one pixel's ray through the volume to one colour.
+
+#ifndef RECONSTRUCTION
+#error "RECONSTRUCTION: 0 trilinear, 1 four taps along every axis"
+#endif
+#ifndef FILTERING
+#error "FILTERING: 0 in the shader, 1 by the texture unit"
+#endif
+#ifndef TRANSFER
+#error "TRANSFER: 0 straight lines between the points, 1 a texture"
+#endif
+#ifndef METHOD
+#error "METHOD: 0 post-classified, 1 pre-integrated, 2 peak finding"
+#endif
+#ifndef QUADRATURE
+#error "QUADRATURE: 0 the sample at the front, 1 both ends"
+#endif
+#ifndef INTEGRATION
+#error "INTEGRATION: 0 piece by piece, 1 a table for one length, 2 a table for many"
+#endif
+#ifndef PEAK_MODE
+#error "PEAK_MODE: 0 samples and peaks, 1 peaks in place of samples, 2 peaks alone, 3 samples alone"
+#endif
+#ifndef PEAK_WEIGHT
+#error "PEAK_WEIGHT: 0 extinction over a length of 1, 1 share of the integral"
+#endif
+#ifndef CROSSINGS
+#error "CROSSINGS: 0 rule of signs and secant steps, 1 roots of every cell's cubic"
+#endif
+#ifndef PEAKS
+#error "PEAKS: most peaks of an entry of the peak table, 1 to 4"
+#endif
+#ifndef SHADING
+#error "SHADING: 1 lights the colours, 0 does not"
+#endif
+
+#include "lib/layouts.glsl"
+#include "lib/ray.glsl"
+#include "lib/sampling.glsl"
+#include "lib/optics.glsl"
+#include "lib/bands.glsl"
+#include "lib/shading.glsl"
+#include "pass/raycast.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+layout(rgba32f, binding = BINDING_IMAGE) writeonly uniform image2D image;
+
+void main() {
+    ivec2 in_tile = ivec2(gl_GlobalInvocationID.xy);
+    if (any(greaterThanEqual(in_tile, frame.tile_size))) return;
+    ivec2 pixel = frame.tile_origin + in_tile;
+    vec4 color;
+    if (raycast_pixel(pixel, color)) imageStore(image, pixel, color);
+}
