@@ -24,6 +24,18 @@ if TYPE_CHECKING:
     from isosample.rendering.pipeline import Renderer as Renderer
     from isosample.rendering.pipeline import render as render
     from isosample.rendering.pipeline import render_surfaces as render_surfaces
+    from isosample.rendering.raycast_settings import Classification as Classification
+    from isosample.rendering.raycast_settings import Crossings as Crossings
+    from isosample.rendering.raycast_settings import Filtering as Filtering
+    from isosample.rendering.raycast_settings import Integration as Integration
+    from isosample.rendering.raycast_settings import PeakMode as PeakMode
+    from isosample.rendering.raycast_settings import PeakWeight as PeakWeight
+    from isosample.rendering.raycast_settings import Quadrature as Quadrature
+    from isosample.rendering.raycast_settings import RaycastSettings as RaycastSettings
+    from isosample.rendering.raycast_settings import Sampling as Sampling
+    from isosample.rendering.raycast_settings import TransferLookup as TransferLookup
+    from isosample.rendering.raycaster import RayCaster as RayCaster
+    from isosample.rendering.raycaster import raycast as raycast
     from isosample.rendering.reference_image import render_reference as render_reference
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
@@ -45,24 +57,36 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Camera": "rendering.camera",
+    "Classification": "rendering.raycast_settings",
     "ClipPlane": "rendering.settings",
     "ControlPoint": "transfer.control_points",
+    "Crossings": "rendering.raycast_settings",
+    "Filtering": "rendering.raycast_settings",
     "Image": "rendering.image",
-    "Isosurface": "transfer.control_points",
+    "Integration": "rendering.raycast_settings",
     "IsosampleError": "errors",
+    "Isosurface": "transfer.control_points",
     "Material": "rendering.settings",
+    "PeakMode": "rendering.raycast_settings",
+    "PeakWeight": "rendering.raycast_settings",
     "Projection": "rendering.camera",
+    "Quadrature": "rendering.raycast_settings",
+    "RayCaster": "rendering.raycaster",
+    "RaycastSettings": "rendering.raycast_settings",
     "Reconstruction": "volume.reconstruction",
     "RenderSettings": "rendering.settings",
     "Renderer": "rendering.pipeline",
+    "Sampling": "rendering.raycast_settings",
     "SegmentRule": "integral.segment_rule",
     "TransferFunction": "transfer.transfer_function",
+    "TransferLookup": "rendering.raycast_settings",
     "UpAxis": "rendering.camera",
     "Volume": "volume.grid",
     "extract": "surfaces.extract:extract_meshes",
     "extract_surfaces": "surfaces.extract",
     "open_volume": "volume.readers",
     "plan_isovalues": "transfer.isovalues",
+    "raycast": "rendering.raycaster",
     "render": "rendering.pipeline",
     "render_reference": "rendering.reference_image",
     "render_surfaces": "rendering.pipeline",

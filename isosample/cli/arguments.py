@@ -204,5 +204,5 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         "--stage",
         choices=("auto", "fragment", "compute"),
         default="auto",
-        help="shader stage that sorts and integrates (default auto: fragment on software renderers)",
+        help="shader stage that sorts and integrates, or casts the rays (default auto: fragment on software renderers)",
     )

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 from isosample.cli import arguments
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars
+from isosample.cli.methods import DATA_CENTRIC, METHODS, RAYCAST_METHODS, REFERENCE, check_method
 from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
 from isosample.cli.parser import add_command
+from isosample.cli.raycast_arguments import add_raycast_options
 from isosample.cli.summary import check_strict, summarise
 from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
@@ -32,7 +34,11 @@ isosample render head.nrrd -o head.png
 isosample render head.nrrd --tf bone.json --up z --azimuth 30 --shading --background 1,1,1 -o head.png
 isosample render head.raw --shape 256,256,128 --dtype uint16 --clip -1,0,0,60 -o half.npy
 isosample render head.nrrd --reconstruction cubic --tolerance 1/255 --error-map errors.png -o head.png
-isosample render meshes_cache/head-1f3a9c07 --size 1200x900 --stats head.json -o head.png"""
+isosample render meshes_cache/head-1f3a9c07 --size 1200x900 --stats head.json -o head.png
+isosample render head.nrrd --method post-classified --step 1/4 -o head.png
+isosample render head.nrrd --method pre-integrated --sampling differential --stats head.json -o head.png
+isosample render head.nrrd --method peak-finding --peak-weight integral --crossings exact -o head.png
+isosample render head.nrrd --method reference --size 200x200 -o head.npy"""
 
 
 def add_parser(commands: Commands) -> None:
@@ -75,10 +81,11 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument(
         "--method",
-        choices=("data-centric", "reference"),
-        default="data-centric",
-        help="data-centric: through isosurfaces, by OpenGL (default); reference: the field itself in float64 to "
-        "1e-10, without OpenGL, for comparison",
+        choices=METHODS,
+        default=DATA_CENTRIC,
+        help="data-centric: through isosurfaces, by OpenGL (default); post-classified, pre-integrated, peak-finding: "
+        "through samples of the volume, by the ray caster; reference: the field itself in float64 to 1e-10, without "
+        "OpenGL, for comparison",
     )
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
@@ -91,6 +98,7 @@ def add_parser(commands: Commands) -> None:
     )
     arguments.add_nan_option(parser)
     arguments.add_picture_options(parser)
+    add_raycast_options(parser)
     arguments.add_camera_options(parser)
     arguments.add_volume_options(parser)
 
@@ -98,13 +106,18 @@ def add_parser(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check all that can be checked, then open, extract, render, write, and sum up."""
     start = time.perf_counter()
+    check_method(args)
     settings = settings_of(args)
     _check_outputs(args)
     camera = camera_of(args)
-    if args.method == "reference":
+    if args.method == REFERENCE:
         from isosample.cli.reference import run_reference
 
         return run_reference(args, settings, camera, start)
+    if args.method in RAYCAST_METHODS:
+        from isosample.cli.raycast import run_raycast
+
+        return run_raycast(args, settings, camera, start)
     scene = _prepare(args)
     if args.plan:
         from isosample.cli.plan_table import say_plan

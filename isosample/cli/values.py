@@ -45,15 +45,19 @@ def positive(text: str) -> float:
 
 def tolerance(text: str) -> float:
     """Return an error up to 1, as a number or a fraction such as 1/255."""
-    top, slash, bottom = text.partition("/")
-    try:
-        number = positive(top) / positive(bottom) if slash else positive(top)
-    except argparse.ArgumentTypeError:
-        number = 0.0
+    number = _fraction(text)
     if not SMALLEST_ERROR <= number <= 1.0:
         raise argparse.ArgumentTypeError(
             f"{text!r} must be an error from {SMALLEST_ERROR:g} to 1, such as 1/255 or 0.004"
         )
+    return number
+
+
+def step(text: str) -> float:
+    """Return a number above 0, or a fraction such as 1/64."""
+    number = _fraction(text)
+    if number <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number above 0, such as 0.5 or 1/4")
     return number
 
 
@@ -135,6 +139,15 @@ def background(text: str) -> tuple[float, float, float, float]:
         raise argparse.ArgumentTypeError(f"{text!r} must be {expected}")
     red, green, blue, alpha = (*numbers, 1.0)[:4]
     return red, green, blue, alpha
+
+
+def _fraction(text: str) -> float:
+    """Return a number above 0 that is written as it is or as a fraction; 0 for anything else."""
+    top, slash, bottom = text.partition("/")
+    try:
+        return positive(top) / positive(bottom) if slash else positive(top)
+    except argparse.ArgumentTypeError:
+        return 0.0
 
 
 def _numbers(text: str, expected: str, counts: tuple[int, ...]) -> list[float]:

@@ -1,0 +1,121 @@
+"""Which options of `isosample render` belong to which method; one that belongs to another is an error."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isosample.cli import arguments
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    import argparse
+
+DATA_CENTRIC, REFERENCE = "data-centric", "reference"
+POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING = "post-classified", "pre-integrated", "peak-finding"
+RAYCAST_METHODS = (POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING)
+METHODS = (DATA_CENTRIC, *RAYCAST_METHODS, REFERENCE)
+
+SURFACE_OPTIONS = {  # with their defaults
+    "cache": None,
+    "per_slope": None,
+    "tolerance": None,
+    "max_isovalues": None,
+    "refine": arguments.UNSET,
+    "plan": False,
+    "segment": "cubic",
+    "segment_opacity": None,
+    "curved": None,
+    "strict": False,
+    "error_map": None,
+}
+RAYCAST_OPTIONS = {  # None unless given; the methods that each belongs to
+    "step": RAYCAST_METHODS,
+    "sampling": RAYCAST_METHODS,
+    "pixel_scale": RAYCAST_METHODS,
+    "adaptive": RAYCAST_METHODS,
+    "jitter": RAYCAST_METHODS,
+    "filtering": RAYCAST_METHODS,
+    "skipping": RAYCAST_METHODS,
+    "macrocells": RAYCAST_METHODS,
+    "transfer_lookup": (POST_CLASSIFIED, PEAK_FINDING),
+    "quadrature": (POST_CLASSIFIED, PEAK_FINDING),
+    "integration": (PRE_INTEGRATED,),
+    "table_size": (PRE_INTEGRATED,),
+    "peak_mode": (PEAK_FINDING,),
+    "peak_weight": (PEAK_FINDING,),
+    "crossings": (PEAK_FINDING,),
+    "peak_bins": (PEAK_FINDING,),
+    "peaks": (PEAK_FINDING,),
+    "root_iterations": (PEAK_FINDING,),
+}
+NEEDS = {  # options that say something only with certain values of another, whose default stands first
+    "step": ("sampling", ("uniform",), "uniform"),
+    "pixel_scale": ("sampling", ("differential",), "uniform"),
+    "table_size": ("integration", ("2d", "3d"), "exact"),
+    "peak_bins": ("crossings", ("secant",), "secant"),
+    "peaks": ("crossings", ("secant",), "secant"),
+    "root_iterations": ("crossings", ("secant",), "secant"),
+}
+WRITTEN = {
+    "skipping": "--no-skipping",
+    "transfer_lookup": "--transfer",
+}  # where it is not the name with dashes
+
+
+def check_method(args: argparse.Namespace) -> None:
+    """Raise `InputError` for an option that belongs to another method, or to another option's value.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `isosample render`.
+    """
+    if args.method != DATA_CENTRIC:
+        _refuse_surface_options(args)
+    if args.method == REFERENCE and args.stage != "auto":
+        raise InputError(
+            f"--stage {args.stage} is about OpenGL, and --method reference has none; leave it out."
+        )
+    for name, methods in RAYCAST_OPTIONS.items():
+        if getattr(args, name) is not None and args.method not in methods:
+            _refuse_raycast_option(option(name), args.method, methods)
+    for name, (other, fitting, default) in NEEDS.items():
+        chosen = getattr(args, other) or default
+        if getattr(args, name) is not None and chosen not in fitting:
+            raise InputError(
+                f"{option(name)} goes with {option(other)} {' or '.join(fitting)}, not {chosen}; leave it out, or add "
+                f"{option(other)} {fitting[0]}."
+            )
+
+
+def check_volume_is_named(args: argparse.Namespace) -> None:
+    """Raise `InputError` if the source of a method that needs the volume is a cache folder."""
+    from isosample.cli.sources import is_cache_folder
+
+    if is_cache_folder(args.source):
+        raise InputError(
+            f"{args.source} is a mesh cache, and --method {args.method} integrates the volume itself; name the volume "
+            "file."
+        )
+
+
+def option(name: str) -> str:
+    """The option as it is written on the command line."""
+    return WRITTEN.get(name, f"--{name.replace('_', '-')}")
+
+
+def _refuse_surface_options(args: argparse.Namespace) -> None:
+    for name, default in SURFACE_OPTIONS.items():
+        if getattr(args, name) != default:
+            raise InputError(
+                f"{option(name)} is about isosurfaces (--method {DATA_CENTRIC}), and --method {args.method} has none; "
+                "leave it out."
+            )
+
+
+def _refuse_raycast_option(written: str, method: str, methods: tuple[str, ...]) -> None:
+    owner = "the ray caster" if methods == RAYCAST_METHODS else f"--method {' and '.join(methods)}"
+    advice = PRE_INTEGRATED if PRE_INTEGRATED in methods else methods[-1]
+    raise InputError(
+        f"{written} belongs to {owner}, and the method is {method}; leave it out, or choose --method {advice}."
+    )

@@ -1,0 +1,102 @@
+"""`isosample render --method post-classified | pre-integrated | peak-finding`: the volume by the ray caster."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli.cameras import orbit
+from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
+from isosample.cli.methods import RAYCAST_OPTIONS, check_volume_is_named
+from isosample.cli.outputs import write_json
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.image import Image
+    from isosample.rendering.raycast_settings import RaycastSettings
+    from isosample.rendering.settings import RenderSettings
+
+
+def run_raycast(
+    args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, start: float
+) -> int:
+    """Cast the rays of one picture, write it, and sum up."""
+    from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
+    from isosample.gl.context import shared_context
+    from isosample.rendering.raycaster import RayCaster
+
+    raycast = raycast_settings_of(args)
+    check_volume_is_named(args)
+    given = load_transfer_function(args.tf)
+    volume = open_source_volume(args, args.source)
+    shared_context()
+    masked = args.nan == "masked"
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    with progress_bars() as progress, RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
+        image = caster.render(
+            camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
+        )
+    image.save(args.output)
+    if args.stats:
+        write_json(args.stats, image.stats | {"source": str(args.source), "transfer_function": origin})
+    _summarise(image, args, time.perf_counter() - start)
+    return 0
+
+
+def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
+    """Return the settings of the ray caster from the arguments, checked."""
+    from isosample.rendering.raycast_settings import (
+        Classification,
+        Crossings,
+        Filtering,
+        Integration,
+        PeakMode,
+        PeakWeight,
+        Quadrature,
+        RaycastSettings,
+        Sampling,
+        TransferLookup,
+    )
+    from isosample.volume.reconstruction import Reconstruction
+
+    kinds = {
+        "sampling": Sampling,
+        "filtering": Filtering,
+        "transfer_lookup": TransferLookup,
+        "quadrature": Quadrature,
+        "integration": Integration,
+        "peak_mode": PeakMode,
+        "peak_weight": PeakWeight,
+        "crossings": Crossings,
+    }
+    given = {name: getattr(args, name) for name in RAYCAST_OPTIONS if getattr(args, name) is not None}
+    chosen: dict[str, Any] = {
+        name: kinds[name](value) if name in kinds else value for name, value in given.items()
+    }
+    return RaycastSettings(
+        classification=Classification(args.method),
+        reconstruction=Reconstruction(args.reconstruction or "trilinear"),
+        **chosen,
+    )
+
+
+def _summarise(image: Image, args: argparse.Namespace, duration: float) -> None:
+    """Write the picture's path and what it took."""
+    stats = image.stats
+    width, height = stats["size"]
+    samples, macrocells = stats["samples_per_ray"], stats["macrocells"]
+    fields = {
+        "picture": f"{args.output} ({width} x {height} pixels), {args.method}, {stats['sampling']} sampling",
+        "samples per ray": f"{samples['mean']:.1f} (at most {thousands(samples['max'])})",
+        "root evaluations per ray": f"{stats['root_evaluations_per_ray']:.1f}",
+        "macrocells per ray": f"{macrocells['visited_per_ray']:.1f} visited, {macrocells['skipped_per_ray']:.1f} "
+        f"skipped; {thousands(macrocells['occupied'])} of {thousands(macrocells['of'])} are occupied",
+    }
+    say_fields(fields | {"seconds": seconds(duration)})
+    if stats["not_shown"]:
+        say(
+            f"not shown: {stats['not_shown']} isosurfaces, which have no width that a sample could meet; --method "
+            "peak-finding and pre-integrated show them"
+        )

@@ -1,0 +1,165 @@
+"""`render` refuses an option of another method, names both, and says what to do."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import pytest
+
+from cli.harness import Run, content
+from isosample.cli import build_parser
+from isosample.cli.methods import (
+    METHODS,
+    RAYCAST_METHODS,
+    RAYCAST_OPTIONS,
+    SURFACE_OPTIONS,
+    WRITTEN,
+    option,
+)
+from isosample.cli.raycast import raycast_settings_of
+from isosample.rendering.raycast_settings import RaycastSettings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RENDER = "render blob.npy --tf tf.json --size 16x16 -o out.png"
+SAMPLING = (
+    "--step 1/4",
+    "--sampling uniform",
+    "--pixel-scale 2",
+    "--adaptive",
+    "--jitter 1",
+    "--filtering hardware",
+    "--no-skipping",
+    "--macrocells 8",
+)
+OWNERS = {  # of every option of the ray caster, as written on a command line
+    **dict.fromkeys(SAMPLING, RAYCAST_METHODS),
+    "--transfer texture": ("post-classified", "peak-finding"),
+    "--quadrature riemann": ("post-classified", "peak-finding"),
+    "--integration 2d": ("pre-integrated",),
+    "--table-size 64": ("pre-integrated",),
+    "--peak-mode xor": ("peak-finding",),
+    "--peak-weight integral": ("peak-finding",),
+    "--crossings exact": ("peak-finding",),
+    "--peak-bins 64": ("peak-finding",),
+    "--peaks 4": ("peak-finding",),
+    "--root-iterations 2": ("peak-finding",),
+}
+MESHES = {
+    "--cache meshes",
+    "--per-slope 3",
+    "--tolerance 1/255",
+    "--max-isovalues 9",
+    "--refine 2",
+    "--plan",
+    "--segment linear",
+    "--segment-opacity exponential",
+    "--curved",
+    "--strict",
+    "--error-map map.png",
+}
+FOREIGN = [
+    *((given, method) for given, owners in OWNERS.items() for method in METHODS if method not in owners),
+    *product(sorted(MESHES), RAYCAST_METHODS),
+]
+
+
+def test_every_option_is_tried() -> None:
+    assert {given.split()[0] for given in OWNERS} == {option(name) for name in RAYCAST_OPTIONS}
+    assert {given.split()[0] for given in MESHES} == {option(name) for name in SURFACE_OPTIONS}
+    assert set(WRITTEN) <= set(RAYCAST_OPTIONS)
+
+
+def test_every_setting_of_the_ray_caster_has_an_option() -> None:
+    assert {*RAYCAST_OPTIONS, "classification", "reconstruction"} == set(RaycastSettings.__slots__)
+
+
+@pytest.mark.parametrize(("given", "method"), FOREIGN, ids=[f"{a} of {b}" for a, b in FOREIGN])
+def test_an_option_of_another_method_is_refused(run: Run, folder: Path, given: str, method: str) -> None:
+    before = content(folder)
+    outcome = run(f"{RENDER} --method {method} {given}")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    owners = OWNERS.get(given, ("data-centric",))
+    whose = "the ray caster" if owners == RAYCAST_METHODS else owners[0]
+    for named in (given.split()[0], f" {method}", whose, "leave it out"):
+        assert named in outcome.err
+    assert content(folder) == before
+
+
+@pytest.mark.parametrize(("given", "method"), [(given, owners[0]) for given, owners in OWNERS.items()])
+def test_an_option_of_the_method_reaches_its_settings(given: str, method: str) -> None:
+    companion = {
+        "--pixel-scale 2": "--sampling differential",
+        "--table-size 64": "--integration 3d",
+    }.get(given, "")
+    parser = build_parser()
+    plain, changed = (
+        raycast_settings_of(parser.parse_args(f"{RENDER} --method {method} {options}".split()))
+        for options in (companion, f"{companion} {given}")
+    )
+    if given != "--sampling uniform":  # the default, spelled out
+        assert plain != changed
+    assert plain.classification is changed.classification
+    assert changed.classification.value == method
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (
+            "pre-integrated --sampling differential --step 1/2",
+            ("--step", "--sampling uniform", "differential"),
+        ),
+        ("pre-integrated --pixel-scale 2", ("--pixel-scale", "--sampling differential", "uniform")),
+        ("pre-integrated --table-size 64", ("--table-size", "--integration 2d or 3d", "exact")),
+        ("peak-finding --crossings exact --peaks 4", ("--peaks", "--crossings secant", "exact")),
+        ("peak-finding --crossings exact --peak-bins 64", ("--peak-bins", "--crossings secant")),
+        ("peak-finding --crossings exact --root-iterations 4", ("--root-iterations", "--crossings secant")),
+    ],
+)
+def test_an_option_that_another_s_value_makes_meaningless_is_refused(
+    run: Run, options: str, named: tuple[str, ...]
+) -> None:
+    outcome = run(f"{RENDER} --method {options}")
+    assert (outcome.status, outcome.out) == (2, "")
+    for part in (*named, "leave it out"):
+        assert part in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ("post-classified --step 0", ("'0'", "--step", "above 0")),
+        ("post-classified --step 1/0", ("'1/0'", "--step")),
+        ("post-classified --step 1e9", ("step 1000000000.0", "64")),
+        ("pre-integrated --integration 2d --table-size 4096", ("table_size 4096", "1024")),
+        ("pre-integrated --sampling differential --pixel-scale 1e-9", ("pixel_scale 1e-09", "0.015625")),
+        ("peak-finding --peaks 5", ("peaks 5", "1 to 4")),
+        ("peak-finding --peaks few", ("'few'", "--peaks")),
+        ("post-classified --jitter -1", ("'-1'", "--jitter")),
+        ("post-classified --macrocells 0", ("macrocells 0", "1 to 1024")),
+    ],
+)
+def test_a_number_out_of_range_is_refused(run: Run, options: str, named: tuple[str, ...]) -> None:
+    outcome = run(f"{RENDER} --method {options}")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    for part in named:
+        assert part in outcome.err
+
+
+@pytest.mark.parametrize("method", RAYCAST_METHODS)
+def test_a_cache_folder_is_no_source_of_the_ray_caster(run: Run, cache: Path, method: str) -> None:
+    outcome = run(f"render {cache.name} --method {method} -o out.png")
+    assert outcome.status == 2
+    for part in (cache.name, f"--method {method}", "name the volume file"):
+        assert part in outcome.err
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_help_has_an_example_of_every_method(run: Run, method: str) -> None:
+    examples = run("render --help").out.partition("\nexample:\n")[2]
+    assert method == "data-centric" or f"--method {method}" in examples
