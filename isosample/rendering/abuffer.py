@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, LostFragmentsError
-from isosample.gl.context import drawing_into, is_software, limits
+from isosample.gl.context import drawing_into, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.culling import Culling
@@ -23,6 +23,7 @@ from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_
 from isosample.rendering.frame_statistics import FrameStatistics as FrameStatistics
 from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
+from isosample.rendering.stage import resolve_stage, work_groups
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 F32 = npt.NDArray[np.float32]
 
 QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
-WORK_GROUP = 8  # local size of the compute shaders
 SEGMENT_RULES = {
     SegmentRule.CONSTANT: 0,
     SegmentRule.CONSTANT_FIRST_ORDER: 1,
@@ -331,7 +331,7 @@ class ABuffer:
         program = self._programs.compute("resolve.comp", **constants)
         unit = shared_constants()["BINDING_IMAGE"]
         self._picture.bind_to_image(unit, read=False, write=True)
-        program.run(*_work_groups(tile))
+        program.run(*work_groups(tile))
 
     def _merge_long_lists(self, tile: Tile, longest: int) -> None:
         """Sort the lists above LINK_SORT_LIMIT, one merge pass per call."""
@@ -344,7 +344,7 @@ class ABuffer:
         run = 1
         while run < longest:
             program["run"] = run
-            program.run(*_work_groups(tile))
+            program.run(*work_groups(tile))
             self._ctx.memory_barrier()
             run *= 2
 
@@ -445,14 +445,3 @@ class ABuffer:
         self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
         self._device.bind()
         self._pool.bind()
-
-
-def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
-    """The stage that runs the resolve pass: what is asked for, or by the renderer for AUTO."""
-    if asked is not ResolveStage.AUTO:
-        return asked
-    return ResolveStage.FRAGMENT if is_software(ctx) else ResolveStage.COMPUTE
-
-
-def _work_groups(tile: Tile) -> tuple[int, int]:
-    return -(-tile.width // WORK_GROUP), -(-tile.height // WORK_GROUP)

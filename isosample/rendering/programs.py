@@ -1,4 +1,4 @@
-"""The programs of the A-buffer, compiled once per variant, with their interfaces checked."""
+"""The programs of the renderers, compiled once per variant, with their interfaces checked."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from isosample.gl.interface import Block, check_interface
 from isosample.gl.program import compute_program, graphics_program
-from isosample.rendering.frame import frame_dtype, shared_constants
+from isosample.rendering.frame import shared_constants, uniform_dtype
 
 if TYPE_CHECKING:
     import moderngl
@@ -22,6 +22,15 @@ MESH_ATTRIBUTES = {
     "values": "vec4",
 }
 MESH_UNIFORMS = {"side": "float", "level": "uint"}
+TEXTURES = {
+    "volume": "sampler3D",
+    "macrocells": "usampler3D",
+    "transfer_table": "sampler1D",
+    "length_table": "sampler2D",
+    "length_tables": "sampler3D",
+    "peak_table": "usampler2D",
+}
+UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 
 
 class Programs:
@@ -67,14 +76,16 @@ class Programs:
 def storage_bindings() -> dict[str, int]:
     """Binding of every storage block by its name in the shaders."""
     names = {"Heads": "HEADS", "Nodes": "NODES", "CounterBlock": "COUNTERS", "Bands": "BANDS"}
-    names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY"}
+    names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY", "BandStarts": "BAND_STARTS", "Peaks": "PEAKS"}
+    names |= {"RayCounterBlock": "RAY_COUNTERS", "RayStates": "RAY_STATES"}
     return {block: shared_constants()[f"BINDING_{name}"] for block, name in names.items()}
 
 
 def _check(program: Program) -> None:
     blocks = {name: Block(binding) for name, binding in storage_bindings().items()}
-    blocks["FrameBlock"] = Block(shared_constants()["BINDING_FRAME"], frame_dtype().itemsize)
-    uniforms = MESH_UNIFORMS | {"run": "uint", "image": "image2D"}
+    for name, (binding, struct) in UNIFORM_BLOCKS.items():
+        blocks[name] = Block(shared_constants()[f"BINDING_{binding}"], uniform_dtype(struct).itemsize)
+    uniforms = MESH_UNIFORMS | TEXTURES | {"run": "uint", "image": "image2D"}
     check_interface(
         program,
         uniforms=uniforms,

@@ -70,30 +70,33 @@ bool leave(Room room, inout March march) {
 
 // Composites the stretches that lie in a room: steps of `multiplier` samples, and one of a single sample out of it.
 // False if the ray has to go on in another call.
-bool cross(Room room, int multiplier, inout March march, inout int loops) {
+bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
     float exit_number = number_at(min(room.exit, ray.end));
     int inside = int(floor(exit_number));
     int last = int(ceil(exit_number));
     march.number = max(march.number, int(floor(number_at(march.entry))));
     if (march.number >= last) return true;
     float start = numbered_distance(march.number);
-    float front = field(ray_at(start));
-    ++ray.samples;
+    if (march.number != ray.sampled) {
+        ray.value = field(ray_at(start));
+        ++ray.samples;
+    }
     while (march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0) {
         march.number = march.number < inside ? min(march.number + multiplier, inside) : march.number + 1;
         float end = numbered_distance(march.number);
         float back = field(ray_at(end));
         ++ray.samples;
-        if (end > start && max(front, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, front, back));
+        if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
         start = end;
-        front = back;
+        ray.value = back;
         --loops;
     }
+    ray.sampled = march.number;
     return march.number >= last || ray.transmittance < frame.min_transmittance;
 }
 
 // True if the ray is at its end; else `march` is where it goes on.
-bool march(inout March march) {
+bool march_on(inout March march) {
     int loops = raycast.loop_limit;
     uint visited = 0u;
     uint skipped = 0u;
@@ -104,7 +107,7 @@ bool march(inout March march) {
         Room room = room_around(march, int(cell.r));
         if (cell.r == 0u) {
             ++visited;
-            if (!cross(room, int(cell.g), march, loops)) break;
+            if (!cross_room(room, int(cell.g), march, loops)) break;
             ended = ray.transmittance < frame.min_transmittance;
         } else {
             ++skipped;

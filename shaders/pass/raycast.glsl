@@ -26,6 +26,8 @@ struct Ray {
     float shift;                          // of the samples, in steps
     vec3 radiance;
     float transmittance;
+    int sampled;                          // number of the last sample
+    float value;                          // and the field there
     uint samples;
     uint roots;
     uint crossings;
@@ -114,6 +116,7 @@ void begin_ray(ivec2 pixel) {
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
     ray.transmittance = 1.0;
+    ray.sampled = -1;
     ray.samples = 0u;
     ray.roots = 0u;
     ray.crossings = 0u;
@@ -129,7 +132,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
     bool ended = true;
     if (ray.start < ray.end) {
         March state = raycast.resumed != 0 ? resumed_march(states[place]) : fresh_march();
-        ended = march(state);
+        ended = march_on(state);
         if (!ended) states[place] = state_of(state);
     }
     if (ray.roots > 0u) atomicAdd(counters.roots, ray.roots);

@@ -1,0 +1,67 @@
+"""The macrocells on the GPU: which are empty, how far one may leap from them, and how coarsely they are sampled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.rendering.frame import shared_constants
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from isosample.rendering.raycast_settings import RaycastSettings
+    from isosample.volume.grid import F64
+    from isosample.volume.macrocells import MacrocellGrid
+
+
+class DeviceMacrocells:
+    """The texture of the macrocells.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    grid : MacrocellGrid
+    settings : RaycastSettings
+        Whether macrocells are skipped, and whether their steps are adapted.
+    intervals : (N, 2) float64
+        Closed intervals of the values that can be seen [data units].
+    """
+
+    def __init__(
+        self, ctx: moderngl.Context, grid: MacrocellGrid, settings: RaycastSettings, intervals: F64
+    ) -> None:
+        self._grid = grid
+        self._settings = settings
+        z, y, x = grid.low.shape
+        self._texture = ctx.texture3d((x, y, z), 2, dtype="u1", alignment=1)
+        self.occupied = 0
+        self.update(intervals)
+
+    def update(self, intervals: F64) -> None:
+        """Find the empty macrocells again, for another transfer function; the volume is not read."""
+        occupied = self._grid.occupancy(intervals)
+        self.occupied = int(occupied.sum())
+        cells = np.zeros((*occupied.shape, 2), dtype=np.uint8)
+        if self._settings.skipping:
+            cells[..., 0] = self._grid.leaps(occupied)
+        cells[..., 1] = self._grid.multipliers if self._settings.adaptive else 1
+        self._texture.write(cells.tobytes(), alignment=1)
+
+    @property
+    def count(self) -> int:
+        """Number of macrocells."""
+        return int(self._grid.low.size)
+
+    def fill(self, block: np.void) -> None:
+        """Fill in the members of a struct Raycast that say how the volume is divided."""
+        block["macrocells"] = (*self._grid.low.shape[::-1], self._grid.cells)
+
+    def bind(self) -> None:
+        """Bind the texture."""
+        self._texture.use(shared_constants()["UNIT_MACROCELLS"])
+
+    def release(self) -> None:
+        """Free the texture."""
+        self._texture.release()

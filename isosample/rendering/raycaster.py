@@ -1,0 +1,318 @@
+"""The ray caster: the volume itself, sampled along the ray of every pixel on the GPU.
+
+Source: Knoll et al. 2009, "Volume ray casting with peak finding and differential sampling".
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Self
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from isosample.defaults import DEFAULT_SIZE
+from isosample.errors import CapacityError
+from isosample.gl.context import drawing_into, limits, shared_context
+from isosample.gl.timer import StageTimer
+from isosample.rendering.camera import Camera
+from isosample.rendering.device_macrocells import DeviceMacrocells
+from isosample.rendering.device_transfer import DeviceTransfer
+from isosample.rendering.device_volume import DeviceVolume
+from isosample.rendering.frame import camera_block, set_tile, shared_constants, storage_dtype, uniform_dtype
+from isosample.rendering.image import Image
+from isosample.rendering.programs import Programs, storage_bindings
+from isosample.rendering.ray_sampling import fill_sampling
+from isosample.rendering.ray_statistics import RayStatistics
+from isosample.rendering.raycast_settings import RaycastSettings
+from isosample.rendering.scene import ValueScale
+from isosample.rendering.settings import RenderSettings, ResolveStage, check_size
+from isosample.rendering.stage import resolve_stage, work_groups
+from isosample.rendering.tiles import Tile, strips
+from isosample.surfaces.settings import ExtractionSettings, check_volume
+from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.macrocells import MacrocellGrid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from isosample.volume.grid import Volume
+
+    F32 = npt.NDArray[np.float32]
+    Progress = Callable[[str, int, int], None]
+
+TILE_PIXELS = 1 << 18  # a call is then far from the seconds after which drivers give up on it
+LOOP_LIMIT = (
+    1024  # stretches and macrocells of a ray in one call; llvmpipe ends loops after 65535 iterations in all
+)
+
+
+def raycast(
+    volume: Volume,
+    transfer_function: TransferFunction | None = None,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = DEFAULT_SIZE,
+    settings: RenderSettings | None = None,
+    raycast: RaycastSettings | None = None,
+    nan_masked: bool = False,
+    progress: Progress | None = None,
+) -> Image:
+    """Render a volume by casting rays through it: post-classified, pre-integrated, or with peak finding.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction, optional
+        `TransferFunction.suggest(volume)` by default.
+    camera : Camera, optional
+        `Camera.orbit(volume.box)` by default.
+    size : (width, height)
+        Pixels.
+    settings : RenderSettings, optional
+        Shading, background, clip planes, stage, `min_transmittance`; what belongs to the A-buffer (segment
+        rule, budgets) has no meaning here.
+    raycast : RaycastSettings, optional
+        Classification and sampling.
+    nan_masked : bool
+        Leave out what touches a NaN or infinite sample (a stretch between two samples of the ray is left out
+        whole); otherwise such samples are an error.
+    progress : callable, optional
+        Called with the stage ("render"), pixels done and pixels in all.
+
+    Returns
+    -------
+    image : Image
+        Premultiplied linear RGBA, float32, with statistics.
+
+    Raises
+    ------
+    InputError
+        If the volume cannot be rendered as asked (thin, not finite) or an option is out of range.
+    CapacityError
+        If the volume or a table is larger than the driver's textures.
+    OpenGLError
+        If there is no usable OpenGL.
+    """
+    with RayCaster(volume, transfer_function, raycast=raycast, nan_masked=nan_masked) as caster:
+        return caster.render(camera=camera, size=size, settings=settings, progress=progress)
+
+
+class RayCaster:
+    """A volume and a transfer function on the GPU, for as many pictures as you like.
+
+    Parameters
+    ----------
+    volume, transfer_function, raycast, nan_masked
+        As for `raycast`.
+
+    Raises
+    ------
+    InputError, CapacityError, OpenGLError
+        As `raycast`.
+
+    Notes
+    -----
+    Use as a context manager, or call `release`.
+    """
+
+    def __init__(
+        self,
+        volume: Volume,
+        transfer_function: TransferFunction | None = None,
+        *,
+        raycast: RaycastSettings | None = None,
+        nan_masked: bool = False,
+    ) -> None:
+        started = time.perf_counter()
+        self._settings = raycast or RaycastSettings()
+        check_volume(
+            volume,
+            ExtractionSettings(nan_masked=nan_masked, reconstruction=self._settings.reconstruction),
+        )
+        self._ctx = shared_context()
+        self._geometry = volume.geometry
+        self._scale = ValueScale(*volume.value_range)
+        grid = MacrocellGrid.build(volume, self._settings.reconstruction, self._settings.macrocells)
+        self.timer = StageTimer(self._ctx)
+        self.timer.seconds["prepare"] = time.perf_counter() - started
+        self._programs = Programs(self._ctx)
+        with self.timer.stage("upload"):
+            self._volume = DeviceVolume(
+                self._ctx, volume, self._scale, self._settings.reconstruction, self._settings.filtering
+            )
+            self._transfer = self._device_transfer(transfer_function or TransferFunction.suggest(volume))
+            self._macrocells = DeviceMacrocells(
+                self._ctx, grid, self._settings, self._transfer.visible_intervals()
+            )
+        self._frame_buffer = self._ctx.buffer(reserve=uniform_dtype("Frame").itemsize)
+        self._raycast_buffer = self._ctx.buffer(reserve=uniform_dtype("Raycast").itemsize)
+        self._counters = self._ctx.buffer(reserve=storage_dtype("RayCounters").itemsize)
+        self._states = self._ctx.buffer(reserve=TILE_PIXELS * storage_dtype("RayState").itemsize)
+        self._target: moderngl.Framebuffer | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free everything on the GPU."""
+        self._release_target()
+        for part in (self._volume, self._transfer, self._macrocells, self._programs):
+            part.release()
+        for buffer in (self._frame_buffer, self._raycast_buffer, self._counters, self._states):
+            buffer.release()
+
+    def set_transfer_function(self, transfer_function: TransferFunction) -> None:
+        """Show the volume with another transfer function; neither the volume nor its macrocells are made anew.
+
+        Raises
+        ------
+        CapacityError
+            If a table is larger than the driver's textures.
+        """
+        transfer = self._device_transfer(transfer_function)
+        self._transfer.release()
+        self._transfer = transfer
+        self._macrocells.update(transfer.visible_intervals())
+
+    def render(
+        self,
+        *,
+        camera: Camera | None = None,
+        size: tuple[int, int] = DEFAULT_SIZE,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+    ) -> Image:
+        """Render one picture; parameters and errors as `raycast`."""
+        width, height = check_size(size)
+        settings = settings or RenderSettings()
+        camera = camera or Camera.orbit(self._geometry.box, aspect=width / height)
+        target = self._make_target(width, height)
+        frame = camera_block(self._geometry, camera, (width, height), settings)
+        block = self._raycast_block(camera, (width, height))
+        program = self._program(settings)
+        found = RayStatistics()
+        done = 0
+        for tile in strips(width, height, TILE_PIXELS):
+            with self.timer.stage("render"):
+                self._cast(tile, frame, block, program, found)
+            done += tile.pixel_count
+            if progress is not None:
+                progress("render", done, width * height)
+        with self.timer.stage("read back"):
+            pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
+        rgba = np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
+        seconds = {stage: round(spent, 6) for stage, spent in self.timer.seconds.items()}
+        self.timer.seconds.clear()
+        return Image(rgba, self._statistics(found, (width, height), seconds))
+
+    # -- one tile ---------------------------------------------------------------------------------
+
+    def _cast(
+        self,
+        tile: Tile,
+        frame: npt.NDArray[np.void],
+        block: npt.NDArray[np.void],
+        program: moderngl.Program | moderngl.ComputeShader,
+        found: RayStatistics,
+    ) -> None:
+        """March the rays of a tile to their ends, in as many calls as the longest one takes."""
+        set_tile(frame, tile, 0)
+        self._frame_buffer.write(frame.tobytes())
+        self._bind()
+        found.tiles += 1
+        unfinished = tile.pixel_count
+        block["resumed"] = 0
+        while unfinished:
+            self._raycast_buffer.write(block.tobytes())
+            self._counters.clear()
+            self._run(tile, program)
+            self._ctx.memory_barrier()
+            counters = np.frombuffer(self._counters.read(), dtype=storage_dtype("RayCounters"))[0]
+            found.add(counters)
+            unfinished = int(counters["unfinished_rays"])
+            block["resumed"] = 1
+
+    def _run(self, tile: Tile, program: moderngl.Program | moderngl.ComputeShader) -> None:
+        """Call the shader once for every pixel of a tile."""
+        if isinstance(program, moderngl.ComputeShader):
+            self._picture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
+            program.run(*work_groups(tile))
+            return
+        assert self._target is not None
+        screen = self._ctx.vertex_array(program, [])
+        self._target.scissor = (tile.x, tile.y, tile.width, tile.height)
+        with drawing_into(self._ctx, self._target):
+            screen.render(vertices=3)
+        screen.release()
+
+    def _bind(self) -> None:
+        self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
+        self._raycast_buffer.bind_to_uniform_block(shared_constants()["BINDING_RAYCAST"])
+        self._counters.bind_to_storage_buffer(storage_bindings()["RayCounterBlock"])
+        self._states.bind_to_storage_buffer(storage_bindings()["RayStates"])
+        for part in (self._volume, self._transfer, self._macrocells):
+            part.bind()
+
+    # -- what the shader is told ------------------------------------------------------------------
+
+    def _program(self, settings: RenderSettings) -> moderngl.Program | moderngl.ComputeShader:
+        constants = self._volume.constants() | self._transfer.constants()
+        constants["SHADING"] = int(settings.material is not None)
+        if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
+            return self._programs.compute("raycast.comp", **constants)
+        return self._programs.graphics("screen.vert", "raycast.frag", **constants)
+
+    def _raycast_block(self, camera: Camera, size: tuple[int, int]) -> npt.NDArray[np.void]:
+        block = np.zeros(1, dtype=uniform_dtype("Raycast"))
+        fill_sampling(block[0], self._settings, self._geometry, camera.rays(size[0] / size[1]), size)
+        block[0]["root_iterations"] = self._settings.root_iterations
+        block[0]["loop_limit"] = LOOP_LIMIT
+        for part in (self._volume, self._transfer, self._macrocells):
+            part.fill(block[0])
+        return block
+
+    def _make_target(self, width: int, height: int) -> moderngl.Framebuffer:
+        """Framebuffer of the picture's size."""
+        if self._target is not None and self._target.size == (width, height):
+            return self._target
+        largest = min(*limits(self._ctx).framebuffer_size, limits(self._ctx).texture_size)
+        if max(width, height) > largest:
+            raise CapacityError(
+                f"a picture of {width} x {height} pixels is larger than this driver's {largest}."
+            )
+        self._release_target()
+        self._picture = self._ctx.texture((width, height), 4, dtype="f4")
+        self._target = self._ctx.framebuffer([self._picture])
+        return self._target
+
+    def _release_target(self) -> None:
+        if self._target is not None:
+            self._target.release()
+            self._picture.release()
+        self._target = None
+
+    def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
+        voxel = min(self._geometry.spacing)
+        return DeviceTransfer(
+            self._ctx, transfer_function, self._scale, self._settings, self._settings.step * voxel
+        )
+
+    def _statistics(
+        self, found: RayStatistics, size: tuple[int, int], seconds: dict[str, float]
+    ) -> dict[str, Any]:
+        own = self._settings
+        return {
+            "renderer": self._ctx.info["GL_RENDERER"],
+            "method": own.classification.value,
+            "sampling": own.sampling.value,
+            "size": list(size),
+            "seconds": seconds,
+            **found.to_dict(size, self._macrocells.occupied, self._macrocells.count),
+            "reconstruction": own.reconstruction.value,
+            "not_shown": self._transfer.not_shown,
+        }
