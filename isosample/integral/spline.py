@@ -1,4 +1,4 @@
-"""Smooth reconstructions on a face of the box, in float64: a bicubic of 4 × 4 coefficients.
+"""Smooth reconstructions in float64: cubics of four coefficients along every axis, and their bicubic on a face.
 
 Twin of ``shaders/lib/spline.glsl``.
 """
@@ -33,6 +33,42 @@ def tap_weights(kernel: npt.ArrayLike, u: npt.ArrayLike) -> F64:
     powers = np.stack([np.ones_like(part), part, part * part, part * part * part], axis=-1)
     weights: F64 = powers @ np.asarray(kernel, dtype=np.float64).T
     return weights
+
+
+def tap_slopes(kernel: npt.ArrayLike, u: npt.ArrayLike) -> F64:
+    """Derivatives of the weights of `tap_weights` with respect to the fraction; (..., 4) float64."""
+    part = np.asarray(u, dtype=np.float64)
+    powers = np.stack([np.ones_like(part), 2.0 * part, 3.0 * part * part], axis=-1)
+    slopes: F64 = powers @ np.asarray(kernel, dtype=np.float64)[:, 1:].T
+    return slopes
+
+
+def paired_taps(weights: npt.ArrayLike) -> F64:
+    """Two taps of one sign side by side as one linear fetch.
+
+    Parameters
+    ----------
+    weights : (..., 2) array_like of float
+        Both >= 0 or both <= 0.
+
+    Returns
+    -------
+    pair : (..., 2) float64
+        Weight of the fetch, and how far it lies from the first tap to the second, in [0, 1]; 0 without weight.
+    """
+    first, second = np.moveaxis(np.asarray(weights, dtype=np.float64), -1, 0)
+    total = first + second
+    part = np.divide(second, total, out=np.zeros_like(total), where=total != 0.0)
+    return np.stack([total, part], axis=-1)
+
+
+def weighed_quad(quad: npt.ArrayLike, weights_x: npt.ArrayLike, weights_y: npt.ArrayLike) -> F64:
+    """Weighted sum of four coefficients (..., 4), x running first, then y, with weights (..., 2); (...) float64."""
+    four = np.asarray(quad, dtype=np.float64)
+    square = four.reshape(*four.shape[:-1], 2, 2)
+    rows = (square * np.asarray(weights_x)[..., None, :]).sum(axis=-1)
+    total: F64 = (rows * np.asarray(weights_y)).sum(axis=-1)
+    return total
 
 
 def spline_face_value(taps: npt.ArrayLike, weights_u: npt.ArrayLike, weights_v: npt.ArrayLike) -> F64:

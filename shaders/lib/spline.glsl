@@ -1,11 +1,28 @@
-// Smooth reconstructions on a face of the box: a bicubic of 4 x 4 coefficients.
-// Source: Sigg and Hadwiger 2005, "Fast third-order texture filtering" (tensor-product weights).
+// Smooth reconstructions: cubics of four coefficients along every axis, and their bicubic on a face of the box.
+// Source: Sigg and Hadwiger 2005, "Fast third-order texture filtering" (tensor-product weights, paired taps).
 // Twin: isosample/integral/spline.py
 
 // Weights of the four taps at the fraction `u`: the rows of the kernel are cubics of u.
 vec4 tap_weights(vec4 kernel[4], float u) {
     vec4 powers = vec4(1.0, u, u * u, u * u * u);
     return vec4(dot(kernel[0], powers), dot(kernel[1], powers), dot(kernel[2], powers), dot(kernel[3], powers));
+}
+
+// Derivatives of the weights with respect to the fraction.
+vec4 tap_slopes(vec4 kernel[4], float u) {
+    vec3 powers = vec3(1.0, 2.0 * u, 3.0 * (u * u));
+    return vec4(dot(kernel[0].yzw, powers), dot(kernel[1].yzw, powers), dot(kernel[2].yzw, powers), dot(kernel[3].yzw, powers));
+}
+
+// Two taps of one sign side by side as one linear fetch: its weight, and how far it lies from the first to the second.
+vec2 paired_taps(vec2 weights) {
+    float sum = weights.x + weights.y;
+    return vec2(sum, sum == 0.0 ? 0.0 : weights.y / sum);
+}
+
+// Weighted sum of four coefficients of one z, x running first, then y.
+float weighed_quad(vec4 quad, vec2 weights_x, vec2 weights_y) {
+    return dot(weights_y, vec2(dot(quad.xy, weights_x), dot(quad.zw, weights_x)));
 }
 
 // The bicubic; taps[j] holds the four coefficients along the first axis in row j.
