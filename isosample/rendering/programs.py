@@ -25,7 +25,7 @@ MESH_UNIFORMS = {"side": "float", "level": "uint"}
 TEXTURES = {
     "volume": "sampler3D",
     "macrocells": "usampler3D",
-    "transfer_table": "sampler1D",
+    "transfer": "sampler2D",
     "length_table": "sampler2D",
     "length_tables": "sampler3D",
     "peak_table": "usampler2D",
@@ -51,7 +51,7 @@ class Programs:
         key = (vertex, fragment, *sorted(constants.items()))
         if key not in self._graphics:
             program = graphics_program(self._ctx, vertex, fragment, constants)
-            _check(program)
+            _check(program, constants)
             self._graphics[key] = program
         return self._graphics[key]
 
@@ -60,7 +60,7 @@ class Programs:
         key = (entry, *sorted(constants.items()))
         if key not in self._compute:
             program = compute_program(self._ctx, entry, constants)
-            _check(program)
+            _check(program, constants)
             self._compute[key] = program
         return self._compute[key]
 
@@ -81,11 +81,13 @@ def storage_bindings() -> dict[str, int]:
     return {block: shared_constants()[f"BINDING_{name}"] for block, name in names.items()}
 
 
-def _check(program: Program) -> None:
+def _check(program: Program, constants: dict[str, int]) -> None:
     blocks = {name: Block(binding) for name, binding in storage_bindings().items()}
     for name, (binding, struct) in UNIFORM_BLOCKS.items():
         blocks[name] = Block(shared_constants()[f"BINDING_{binding}"], uniform_dtype(struct).itemsize)
     uniforms = MESH_UNIFORMS | TEXTURES | {"run": "uint", "image": "image2D"}
+    if constants.get("FILTERING") == 0:
+        uniforms["volume"] = "sampler2DArray"
     check_interface(
         program,
         uniforms=uniforms,
