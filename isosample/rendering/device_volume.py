@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     F32 = npt.NDArray[np.float32]
 
 NOT_THERE = 1e38  # of a sample that is not finite
+REMEDY = "Crop or downsample the volume, or use the data-centric method, which needs no texture."
 UPLOAD_SAMPLES = 1 << 22  # so many samples are converted to float32 at once
 SHADER, HARDWARE_PAIRS, HARDWARE_TRIPLES = 0, 1, 2  # values of FILTERING, see shaders/pass/field.glsl
 
@@ -141,7 +142,7 @@ def _check_size(ctx: moderngl.Context, size: tuple[int, int, int], *, layered: b
     if any(count > most for count, most in zip(size, longest, strict=True)):
         raise CapacityError(
             f"a texture of {' x '.join(map(str, size))} samples is beyond the {' x '.join(map(str, longest))} of "
-            f"{ctx.info['GL_RENDERER']}. Crop or downsample the volume, or use the data-centric method, which needs no texture."
+            f"{ctx.info['GL_RENDERER']}. {REMEDY}"
         )
 
 
@@ -149,11 +150,12 @@ def _new_texture(
     ctx: moderngl.Context, size: tuple[int, int, int], *, layered: bool
 ) -> moderngl.TextureArray | moderngl.Texture3D:
     """Empty float32 texture, clamped to its border."""
+    texture: moderngl.TextureArray | moderngl.Texture3D
     if layered:
         texture = ctx.texture_array(size, 1, dtype="f4")
     else:
-        texture = ctx.texture3d(size, 1, dtype="f4")
-        texture.repeat_z = False
+        texture = solid = ctx.texture3d(size, 1, dtype="f4")
+        solid.repeat_z = False
     texture.repeat_x = texture.repeat_y = False
     kind = ctx.NEAREST if layered else ctx.LINEAR
     texture.filter = (kind, kind)
@@ -167,5 +169,5 @@ def _check_memory(ctx: moderngl.Context, size: tuple[int, int, int]) -> None:
         x, y, z = size
         raise CapacityError(
             f"{ctx.info['GL_RENDERER']} has no room for a texture of {x} x {y} x {z} samples, {4 * x * y * z} bytes "
-            f"({error}). Crop or downsample the volume, or use the data-centric method, which needs no texture."
+            f"({error}). {REMEDY}"
         )

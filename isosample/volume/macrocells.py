@@ -136,8 +136,9 @@ class MacrocellGrid:
 
         if not occupied.any():
             return np.full(occupied.shape, LARGEST_LEAP, dtype=np.uint8)
-        distances = np.asarray(distance_transform_cdt(~occupied, metric="chessboard"))
-        return np.minimum(distances, LARGEST_LEAP).astype(np.uint8)
+        distances = distance_transform_cdt(~occupied, metric="chessboard")
+        leaps: Bytes = np.minimum(distances, LARGEST_LEAP).astype(np.uint8)
+        return leaps
 
     @cached_property
     def deviation(self) -> F64:
@@ -190,7 +191,7 @@ def _ranges(samples: Layers, shape: Triple, cells: int, width: int) -> tuple[F64
 
 
 def _over_windows(ufunc: np.ufunc, rows: SampleArray, shape: Triple, cells: int, width: int) -> SampleArray:
-    """Reduce a layer (Y, X) over windows of `width` by `width` that begin at every `cells`-th place; the last are cut."""
+    """Reduce a layer (Y, X) over windows of `width` squared that begin at every `cells`-th place; the last are cut."""
     reduced = rows
     for axis, count in enumerate(shape[1:]):
         starts, last = cells * np.arange(count), rows.shape[axis] - 1
