@@ -9,8 +9,6 @@ from isosample.gl.program import compute_program, graphics_program
 from isosample.rendering.frame import shared_constants, uniform_dtype
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     import moderngl
 
     Program = moderngl.Program | moderngl.ComputeShader
@@ -25,6 +23,7 @@ MESH_ATTRIBUTES = {
 }
 MESH_UNIFORMS = {"side": "float", "level": "uint"}
 TEXTURES = {
+    "volume": "sampler3D",
     "macrocells": "usampler3D",
     "transfer": "sampler2D",
     "length_table": "sampler2D",
@@ -87,9 +86,6 @@ def _check(program: Program, constants: dict[str, int]) -> None:
     for name, (binding, struct) in UNIFORM_BLOCKS.items():
         blocks[name] = Block(shared_constants()[f"BINDING_{binding}"], uniform_dtype(struct).itemsize)
     uniforms = MESH_UNIFORMS | TEXTURES | {"run": "uint", "image": "image2D"}
-    uniforms["volume"] = (
-        "sampler3D" if constants.get("FILTERING") else "sampler2DArray"
-    )  # as DeviceVolume.sampler
     if constants.get("FILTERING") == 0:
         uniforms["volume"] = "sampler2DArray"
     check_interface(
