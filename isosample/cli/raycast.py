@@ -95,8 +95,9 @@ def _summarise(image: Image, args: argparse.Namespace, duration: float) -> None:
         f"skipped; {thousands(macrocells['occupied'])} of {thousands(macrocells['of'])} are occupied",
     }
     say_fields(fields | {"seconds": seconds(duration)})
-    if stats["not_shown"]:
+    hidden = stats["not_shown"].get("isosurfaces", 0)
+    if hidden:
         say(
-            f"not shown: {stats['not_shown']} isosurfaces, which have no width that a sample could meet; --method "
-            "peak-finding and pre-integrated show them"
+            f"not shown: {hidden} of the transfer function's isosurfaces, which samples alone do not meet; --method "
+            "pre-integrated and peak-finding show them"
         )
