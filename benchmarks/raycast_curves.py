@@ -1,0 +1,177 @@
+"""Error against time: frames of several methods, interleaved, and what they cost at equal error or equal time."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from isosample.gl.context import shared_context
+from isosample.rendering.raycaster import RayCaster
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from benchmarks.raycast_scenes import RaycastScene
+    from isosample.rendering.raycast_settings import RaycastSettings
+
+    F32 = npt.NDArray[np.float32]
+
+SLOW_FRAME = 4.0  # [s]; three of these are enough
+
+
+class Frames(Protocol):
+    """One method with its step, ready to render the same frame again and again."""
+
+    def render(self) -> F32:
+        """Draw and read back."""
+        ...
+
+    def release(self) -> None:
+        """Free everything."""
+        ...
+
+
+class OurFrames:
+    """The ray caster of this project."""
+
+    def __init__(self, scene: RaycastScene, size: int, settings: RaycastSettings) -> None:
+        self._scene = scene
+        self._size = size
+        self._context = shared_context()
+        with self._context:
+            self._caster = RayCaster(scene.volume, scene.transfer_function, raycast=settings)
+        self.samples = 0.0
+        self.root_evaluations = 0.0
+
+    def render(self) -> F32:
+        """Draw and read back; keeps the samples per ray."""
+        with self._context:  # another program's context may be current
+            image = self._caster.render(camera=self._scene.camera, size=(self._size, self._size))
+        self.samples = image.stats["samples_per_ray"]["mean"]
+        self.root_evaluations = image.stats["root_evaluations_per_ray"]
+        return image.rgba
+
+    def release(self) -> None:
+        """Free everything on the GPU."""
+        with self._context:
+            self._caster.release()
+
+
+@dataclass
+class Point:
+    """One step of one method."""
+
+    step: float
+    seconds: float
+    error: float
+    largest_error: float
+    samples: float = 0.0  # mean samples per ray, as far as the program tells
+    root_evaluations: float = 0.0
+
+
+@dataclass
+class Curve:
+    """A method's points, from coarse steps to fine ones."""
+
+    points: list[Point] = field(default_factory=list)
+
+    def seconds_at_error(self, error: float) -> float | None:
+        """Least time with which an error is reached, between the points by straight lines in log-log."""
+        return self._at([point.error for point in self.points], error, "seconds")
+
+    def samples_at_error(self, error: float) -> float | None:
+        """Samples per ray with which an error is reached."""
+        return self._at([point.error for point in self.points], error, "samples")
+
+    def error_at_seconds(self, seconds: float) -> float | None:
+        """Error that a time gives."""
+        return self._at([point.seconds for point in self.points], seconds, "error")
+
+    def samples_at_seconds(self, seconds: float) -> float | None:
+        """Samples per ray that a time gives."""
+        return self._at([point.seconds for point in self.points], seconds, "samples")
+
+    def reached_by_coarsest(self, error: float) -> bool:
+        """Whether already the cheapest point is good enough: the time is then an upper bound."""
+        return bool(self.points) and self.points[0].error <= error
+
+    def _at(self, keys: Sequence[float], wanted: float, what: str) -> float | None:
+        """First crossing of `wanted` on the way from coarse to fine."""
+        values = [getattr(point, what) for point in self.points]
+        if keys and (keys[0] <= wanted if what != "error" else keys[0] >= wanted):
+            return float(values[0])
+        for row in range(1, len(keys)):
+            before, after = keys[row - 1], keys[row]
+            if min(before, after) <= wanted <= max(before, after) and before != after:
+                share = np.log(wanted / before) / np.log(after / before)
+                log = (1 - share) * np.log(values[row - 1]) + share * np.log(values[row])
+                return float(np.exp(log))
+        return None
+
+
+Maker = "Callable[[float], Frames]"
+
+
+def measure(
+    makers: Mapping[str, tuple[Callable[[float], Frames], Sequence[float]]],
+    reference: F32,
+    *,
+    repetitions: int,
+    stop_error: float = 0.0,
+) -> dict[str, Curve]:
+    """Curves of methods, each with its steps from coarse to fine.
+
+    The methods of one rank of steps are made together, drawn once for warming up, then drawn in turn. A
+    method stops where its error is below `stop_error`.
+    """
+    curves = {name: Curve() for name in makers}
+    for rank in range(max(len(steps) for _, steps in makers.values())):
+        active = {
+            name: steps[rank]
+            for name, (_, steps) in makers.items()
+            if rank < len(steps)
+            and not (curves[name].points and curves[name].points[-1].error <= stop_error)
+        }
+        with ExitStack() as stack:
+            frames: dict[str, Frames] = {}
+            for name, step in active.items():
+                frames[name] = makers[name][0](step)
+                stack.callback(frames[name].release)
+            for name, point in _in_turn(frames, active, reference, repetitions).items():
+                curves[name].points.append(point)
+    return curves
+
+
+def _in_turn(
+    frames: Mapping[str, Frames], steps: Mapping[str, float], reference: F32, repetitions: int
+) -> dict[str, Point]:
+    """Draw the frames in turn, after one that warms up and gives the error."""
+    found: dict[str, Point] = {}
+    spent: dict[str, list[float]] = {name: [] for name in frames}
+    for name, each in frames.items():
+        start = time.perf_counter()
+        difference = each.render().astype(np.float64) - reference
+        slow = time.perf_counter() - start > SLOW_FRAME
+        found[name] = Point(
+            steps[name], 0.0, float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())
+        )
+        if isinstance(each, OurFrames):
+            found[name].samples, found[name].root_evaluations = each.samples, each.root_evaluations
+        if slow:
+            spent[name] = []
+    for turn in range(repetitions):
+        for name, each in frames.items():
+            if turn >= 3 and np.median(spent[name]) > SLOW_FRAME:
+                continue
+            start = time.perf_counter()
+            each.render()
+            spent[name].append(time.perf_counter() - start)
+    for name, point in found.items():
+        point.seconds = float(np.median(spent[name]))
+    return found
