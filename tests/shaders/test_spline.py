@@ -1,4 +1,4 @@
-"""Shader splines on the faces of the box agree with float64 within their roundings."""
+"""Shader splines agree with float64 within their roundings."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from isosample.integral.spline import largest_bend, spline_face_tolerance, spline_face_value, tap_weights
+from isosample.integral.spline import (
+    largest_bend,
+    paired_taps,
+    spline_face_tolerance,
+    spline_face_value,
+    tap_slopes,
+    tap_weights,
+    weighed_quad,
+)
 from shaders.harness import call
-from shaders.twins import assert_within, gamma, wrong_shader
+from shaders.twins import DIVISION, assert_within, gamma, wrong_shader
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,6 +36,34 @@ def assert_weights(gl: moderngl.Context, root: Path | None = None) -> None:
     found = call(gl, SPLINE, "vec4 tap_weights(vec4 kernel[4], float u)", kernel, u, root=root)
     # Two products of the third power, one with the kernel, three sums: 6 roundings of terms of at most 1.
     assert_within(found, tap_weights(kernel, u), gamma(6) * 4.0)
+
+
+def assert_slopes(gl: moderngl.Context, root: Path | None = None) -> None:
+    rng = np.random.default_rng(5)
+    kernel = rng.uniform(-1.0, 1.0, (4, 4)).astype(np.float32)
+    u = rng.random(COUNT).astype(np.float32)
+    found = call(gl, SPLINE, "vec4 tap_slopes(vec4 kernel[4], float u)", kernel, u, root=root)
+    # Two products of 3 u², one with the kernel, two sums: 5 roundings of terms of at most 1, 2 and 3.
+    assert_within(found, tap_slopes(kernel, u), gamma(5) * 6.0)
+
+
+def assert_pairs(gl: moderngl.Context, root: Path | None = None) -> None:
+    weights = np.random.default_rng(6).random((COUNT, 2)).astype(np.float32)
+    weights[::2] *= -1.0
+    weights[:3] = [[0.0, 0.0], [0.0, 0.5], [-0.5, 0.0]]
+    found = call(gl, SPLINE, "vec2 paired_taps(vec2 weights)", weights, root=root)
+    # A sum of at most 2, and a part of at most 1 that is divided by it.
+    assert_within(found, paired_taps(weights), [gamma(1) * 2.0, gamma(1 + DIVISION)])
+
+
+def assert_quad(gl: moderngl.Context, root: Path | None = None) -> None:
+    rng = np.random.default_rng(7)
+    quad = rng.uniform(-1.0, 1.0, (COUNT, 4)).astype(np.float32)
+    across, up = (rng.uniform(-1.0, 1.0, (COUNT, 2)).astype(np.float32) for _ in range(2))
+    signature = "float weighed_quad(vec4 quad, vec2 weights_x, vec2 weights_y)"
+    found = call(gl, SPLINE, signature, quad, across, up, root=root)
+    # Two dot products of two: 2 roundings each, of 4 terms of at most 1.
+    assert_within(found, weighed_quad(quad, across, up), gamma(4) * 4.0)
 
 
 def assert_value(gl: moderngl.Context, root: Path | None = None) -> None:
@@ -56,6 +92,9 @@ def assert_tolerance(gl: moderngl.Context, root: Path | None = None) -> None:
 
 CHECKS = {
     "tap_weights": assert_weights,
+    "tap_slopes": assert_slopes,
+    "paired_taps": assert_pairs,
+    "weighed_quad": assert_quad,
     "spline_face_value": assert_value,
     "largest_bend": assert_bend,
     "spline_face_tolerance": assert_tolerance,
@@ -71,6 +110,9 @@ def test_the_shader_does_what_its_twin_does(gl: moderngl.Context, check: str) ->
     ("check", "right", "wrong"),
     [
         ("tap_weights", "u * u * u", "u * u"),
+        ("tap_slopes", "3.0 * (u * u)", "2.0 * (u * u)"),
+        ("paired_taps", "weights.y / sum", "weights.x / sum"),
+        ("weighed_quad", "dot(quad.zw, weights_x)", "dot(quad.wz, weights_x)"),
         ("spline_face_value", "dot(taps[3], weights_u)", "dot(taps[2], weights_u)"),
         ("largest_bend", "row.y - 2.0 * row.z + row.w", "row.y - 2.0 * row.z"),
         ("spline_face_tolerance", "0.125 * (bend", "0.12 * (bend"),
@@ -81,3 +123,29 @@ def test_a_wrong_shader_is_found(
 ) -> None:
     with pytest.raises(AssertionError):
         CHECKS[check](gl, wrong_shader(tmp_path, SPLINE, right, wrong))
+
+
+def test_slopes_of_weights_are_their_derivatives() -> None:
+    """A central difference of a cubic is its derivative plus h² times the third power's weight."""
+    kernel, u, h = np.random.default_rng(8).uniform(-1.0, 1.0, (4, 4)), np.linspace(0.1, 0.9, 9), 0.0625
+    difference = (tap_weights(kernel, u + h) - tap_weights(kernel, u - h)) / (2.0 * h)
+    assert np.abs(tap_slopes(kernel, u) + h * h * kernel[:, 3] - difference).max() < 1e-14
+
+
+def test_a_pair_of_taps_is_one_linear_fetch() -> None:
+    weights = np.array([[0.25, 0.75], [-0.5, -0.125], [0.0, 0.0], [2.0, 0.0]])
+    first, second = 3.0, -7.0
+    total, part = paired_taps(weights).T
+    assert np.array_equal(total * (first + part * (second - first)), weights @ [first, second])
+
+
+def test_a_quad_is_a_corner_of_the_face() -> None:
+    """Four by four taps are four quads."""
+    rng = np.random.default_rng(9)
+    taps, across, up = rng.normal(size=(4, 4)), rng.normal(size=4), rng.normal(size=4)
+    quads = sum(
+        float(weighed_quad(taps[j : j + 2, i : i + 2].ravel(), across[i : i + 2], up[j : j + 2]))
+        for j in (0, 2)
+        for i in (0, 2)
+    )
+    assert quads == pytest.approx(float(spline_face_value(taps, across, up)), abs=1e-14)
