@@ -68,13 +68,14 @@ bool leave(Room room, inout March march) {
     return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
 }
 
-// Composites the stretches that lie in a room: steps of `multiplier` samples, and one of a single sample out of it.
+// Composites the stretches of a room: steps of `multiplier` samples inside, of a single one into it and out of it.
 // False if the ray has to go on in another call.
 bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
+    float entry_number = number_at(march.entry);
     float exit_number = number_at(min(room.exit, ray.end));
     int inside = int(floor(exit_number));
     int last = int(ceil(exit_number));
-    march.number = max(march.number, int(floor(number_at(march.entry))));
+    march.number = max(march.number, int(floor(entry_number)));
     if (march.number >= last) return true;
     float start = numbered_distance(march.number);
     if (march.number != ray.sampled) {
@@ -82,7 +83,8 @@ bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
         ++ray.samples;
     }
     while (march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0) {
-        march.number = march.number < inside ? min(march.number + multiplier, inside) : march.number + 1;
+        bool whole = float(march.number) >= entry_number && march.number < inside;
+        march.number = whole ? min(march.number + multiplier, inside) : march.number + 1;
         float end = numbered_distance(march.number);
         float back = field(ray_at(end));
         ++ray.samples;

@@ -1,0 +1,290 @@
+"""The march of the ray caster: every sample once, wherever a picture is cut, skipped over, put aside or clipped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from isosample.errors import CapacityError, InputError
+from isosample.integral.sampling import sample_number
+from isosample.rendering import raycaster
+from isosample.rendering.camera import Camera, Projection
+from isosample.rendering.ray_sampling import first_step
+from isosample.rendering.raycast_settings import (
+    Classification,
+    Crossings,
+    PeakMode,
+    PeakWeight,
+    Quadrature,
+    RaycastSettings,
+    Sampling,
+)
+from isosample.rendering.raycaster import RayCaster, raycast
+from isosample.rendering.reference_image import render_reference
+from isosample.rendering.settings import ClipPlane, Material, RenderSettings, ResolveStage
+from isosample.transfer.control_points import ControlPoint
+from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.analytic import nucleon_like, sample_field
+from isosample.volume.grid import Volume
+from rendering.scenes import ramp_tf
+
+if TYPE_CHECKING:
+    import moderngl
+    import numpy.typing as npt
+
+    from isosample.rendering.image import Image
+
+    F64 = npt.NDArray[np.float64]
+
+pytestmark = pytest.mark.gl
+
+SIZE = (48, 40)
+ROUNDING = (
+    2e-5  # of a picture whose rays take some 100 stretches: 100 compositions of 3 roundings of 2^-24 each
+)
+POST = RaycastSettings(classification=Classification.POST_CLASSIFIED)
+PRE = RaycastSettings()
+PEAKS = RaycastSettings(classification=Classification.PEAK_FINDING, peak_weight=PeakWeight.INTEGRAL)
+METHODS = {
+    "riemann": replace(POST, quadrature=Quadrature.RIEMANN),
+    "trapezoid": POST,
+    "pre-integrated": PRE,
+    "peaks": PEAKS,
+    "peaks, exact crossings": replace(PEAKS, crossings=Crossings.EXACT),
+    "peaks alone": replace(PEAKS, peak_mode=PeakMode.PEAK_ONLY),
+}
+
+
+@pytest.fixture(scope="module")
+def volume() -> Volume:
+    """A smooth field on 33 samples along every axis, of which a tent shows little."""
+    return sample_field(
+        nucleon_like(), (33,) * 3, lower=(0.0, 0.0, 0.0), upper=(40.0, 40.0, 40.0), name="nucleon"
+    )
+
+
+def tents(volume: Volume, *places: float) -> TransferFunction:
+    """Narrow tents at parts of the value range."""
+    low, high = volume.value_range
+    points = []
+    for place, color in zip(places, ((1.0, 0.2, 0.1), (0.1, 0.4, 1.0), (0.2, 1.0, 0.3)), strict=False):
+        for part, extinction in ((place - 0.04, 0.0), (place, 0.8), (place + 0.04, 0.0)):
+            points.append(ControlPoint(low + part * (high - low), color, extinction))
+    return TransferFunction(points)
+
+
+def inside(volume: Volume) -> Camera:
+    """A perspective camera inside the box."""
+    eye = tuple(volume.box.centre + np.array([2.0, -3.0, 12.0]))
+    return Camera(
+        projection=Projection.PERSPECTIVE, eye=eye, target=tuple(volume.box.centre), fov_y_degrees=60.0
+    )
+
+
+def cast(volume: Volume, tf: TransferFunction, own: RaycastSettings, **more: Any) -> Image:
+    """A picture of the size of these tests."""
+    return raycast(volume, tf, size=SIZE, raycast=own, **more)
+
+
+@pytest.mark.parametrize("sampling", Sampling)
+@pytest.mark.parametrize("adaptive", [False, True])
+@pytest.mark.parametrize("method", METHODS)
+def test_skipping_changes_no_picture(
+    gl: moderngl.Context, volume: Volume, method: str, adaptive: bool, sampling: Sampling
+) -> None:
+    tf = tents(volume, 0.3, 0.6)
+    own = replace(METHODS[method], sampling=sampling, adaptive=adaptive, pixel_scale=1.0)
+    for camera in (Camera.orbit(volume.box, azimuth=25.0, elevation=15.0), inside(volume)):
+        skipped = cast(volume, tf, own, camera=camera)
+        whole = cast(volume, tf, replace(own, skipping=False), camera=camera)
+        assert np.array_equal(skipped.rgba, whole.rgba)
+        assert skipped.stats["samples_per_ray"]["mean"] < whole.stats["samples_per_ray"]["mean"]
+        assert whole.stats["skipped"]["leaps_over_empty_macrocells"] == 0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rays_that_take_several_calls_see_the_same(
+    gl: moderngl.Context, volume: Volume, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tf, own = tents(volume, 0.3, 0.6), replace(METHODS[method], adaptive=True)
+    whole = cast(volume, tf, own)
+    monkeypatch.setattr(raycaster, "LOOP_LIMIT", 7)
+    parts = cast(volume, tf, own)
+    assert parts.stats["calls"] > 3 * whole.stats["calls"]
+    assert np.array_equal(parts.rgba, whole.rgba)
+    assert parts.stats["skipped"]["rays_ended_early"] == whole.stats["skipped"]["rays_ended_early"]
+
+
+def test_tiles_leave_no_seam(gl: moderngl.Context, volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    tf = tents(volume, 0.3, 0.6)
+    whole = cast(volume, tf, PRE)
+    monkeypatch.setattr(raycaster, "TILE_PIXELS", 7 * SIZE[0])
+    tiled = cast(volume, tf, PRE)
+    assert tiled.stats["tiles"] == 6
+    assert np.array_equal(tiled.rgba, whole.rgba)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_both_stages_agree(gl: moderngl.Context, volume: Volume, method: str) -> None:
+    tf = tents(volume, 0.3, 0.6)
+    fragment, compute = (
+        cast(volume, tf, METHODS[method], settings=RenderSettings(stage=stage))
+        for stage in (ResolveStage.FRAGMENT, ResolveStage.COMPUTE)
+    )
+    assert np.abs(fragment.rgba - compute.rgba).max() <= ROUNDING
+    assert fragment.stats["samples_per_ray"] == compute.stats["samples_per_ray"]
+
+
+def linear_volume() -> Volume:
+    """A field without curvature, on an oblique grid of uneven spacing."""
+    z, y, x = np.meshgrid(np.arange(9.0), np.arange(12.0), np.arange(15.0), indexing="ij")
+    turned = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    samples = (10.0 + x + 0.5 * y - 0.7 * z).astype(np.float32)
+    return Volume(samples, spacing=(0.5, 1.0, 2.0), origin=(100.0, -20.0, 7.0), direction=turned)
+
+
+@pytest.mark.parametrize("step", [0.3, 1.0, 7.0])
+@pytest.mark.parametrize("projection", Projection)
+def test_linear_data_are_exact_whatever_the_step(
+    gl: moderngl.Context, projection: Projection, step: float
+) -> None:
+    volume = linear_volume()
+    tf = TransferFunction([*ramp_tf(9.0, 14.0, (0.0, 0.3)).points, *ramp_tf(16.0, 18.0, (0.2, 0.0)).points])
+    camera = Camera.orbit(volume.box, azimuth=40.0, elevation=20.0, projection=projection)
+    planes = (ClipPlane(0.3, 0.8, -0.2, -0.3 * 100.0 + 0.8 * 14.0 + 0.2 * 14.0),)
+    for settings in (RenderSettings(), RenderSettings(clip_planes=planes, background=(0.1, 0.2, 0.3, 1.0))):
+        found = cast(volume, tf, replace(PRE, step=step), camera=camera, settings=settings).rgba
+        expected = render_reference(volume, tf, camera=camera, size=SIZE, settings=settings).rgba
+        # Distances of some 60 voxels err by 2^-24 of that; at the box's edge a ray may miss what another just meets,
+        # over the same length. Extinction 0.3.
+        assert np.abs(found - expected).max() <= ROUNDING + 0.3 * 4 * 60 * 2.0**-22
+
+
+def test_an_eye_inside_sees_what_is_in_front_of_it(gl: moderngl.Context, volume: Volume) -> None:
+    tf, camera = tents(volume, 0.3, 0.6), inside(volume)
+    expected = render_reference(volume, tf, camera=camera, size=SIZE).rgba
+    coarse, fine = (
+        np.abs(cast(volume, tf, replace(PRE, step=step), camera=camera).rgba - expected).max()
+        for step in (0.5, 0.0625)
+    )
+    assert fine < 0.25 * coarse  # of order 1 at least: 8 times, less what chance makes of it
+    assert fine < 0.01
+
+
+def test_uniform_samples_are_as_many_as_the_way_has_steps(gl: moderngl.Context) -> None:
+    volume = linear_volume()
+    tf = ramp_tf(0.0, 100.0, (0.001, 0.001))
+    own = replace(PRE, step=0.5, skipping=False)
+    found = cast(volume, tf, own, camera=Camera.orbit(volume.box)).stats["samples_per_ray"]["max"]
+    # 16 world units along z, steps of half the smallest spacing 0.5: 64 steps, whose first and last are cut.
+    assert found in (65, 66, 67)
+
+
+def test_differential_steps_grow_as_the_paper_says(gl: moderngl.Context, volume: Volume) -> None:
+    own = replace(PRE, sampling=Sampling.DIFFERENTIAL, skipping=False)
+    tf = ramp_tf(-1e3, 1e3, (1e-4, 1e-4))
+    camera = inside(volume)
+    rays = camera.rays(1.0)
+    size = (33, 33)
+    found = raycast(volume, tf, camera=camera, size=size, raycast=own).stats["samples_per_ray"]["max"]
+    voxel = min(volume.spacing)
+    first = first_step(own, volume.geometry, rays, size)
+    assert first == pytest.approx(4.0 * np.sqrt(2.0) * 2.0 * np.tan(np.radians(30.0)) / 33.0 * voxel)
+    # The longest way is that of a corner pixel at most, of length box.radius * 2; numbers of eq. 18.
+    plane = np.tan(np.radians(30.0)) * 32.0 / 33.0
+    longest = sample_number(
+        first, first * np.tan(np.radians(30.0)) / (1.0 + 2.0 * plane**2) ** 0.5 / 1.6, 40.0
+    )
+    centre = sample_number(first, first * np.tan(np.radians(30.0)), 20.0)
+    assert centre <= found <= longest
+
+
+def test_parallel_rays_have_even_steps_of_pixels(gl: moderngl.Context, volume: Volume) -> None:
+    own = replace(PRE, sampling=Sampling.DIFFERENTIAL, pixel_scale=0.5)
+    camera = Camera.orbit(volume.box)
+    pixel = camera.height / 32.0 if camera.height else 0.0
+    found = first_step(own, volume.geometry, camera.rays(1.0), (32, 32))
+    assert found == pytest.approx(0.5 * np.sqrt(2.0) * pixel)
+
+
+def test_tiny_differential_steps_are_clean(gl: moderngl.Context, volume: Volume) -> None:
+    tf, camera = tents(volume, 0.3, 0.6), inside(volume)
+    expected = render_reference(volume, tf, camera=camera, size=SIZE).rgba
+    errors = []
+    for scale in (4.0, 0.5, 1.0 / 64.0):
+        own = replace(PRE, sampling=Sampling.DIFFERENTIAL, pixel_scale=scale)
+        errors.append(float(np.abs(cast(volume, tf, own, camera=camera).rgba - expected).max()))
+    # Far from the eye steps go with the root of s_k: 5.7 times smaller from 1/2 to 1/64, so the errors of a method of order
+    # 2 fall 32 times, but for where samples happen to lie.
+    assert errors[1] < errors[0]
+    assert errors[2] < errors[1] / 8.0
+
+
+def test_a_seed_shifts_the_samples_of_every_ray_the_same_way_again(
+    gl: moderngl.Context, volume: Volume
+) -> None:
+    tf = tents(volume, 0.3, 0.6)
+    plain, first, again, other = (
+        cast(volume, tf, replace(POST, step=2.0, jitter=seed)).rgba for seed in (None, 0, 0, 1)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert not np.array_equal(first, plain)
+
+
+def test_another_transfer_function_needs_no_new_volume(gl: moderngl.Context, volume: Volume) -> None:
+    first, second = tents(volume, 0.3), tents(volume, 0.5, 0.8)
+    with RayCaster(volume, first) as caster:
+        before = caster.render(size=SIZE)
+        caster.set_transfer_function(second)
+        after = caster.render(size=SIZE)
+    assert np.array_equal(before.rgba, cast(volume, first, PRE).rgba)
+    assert np.array_equal(after.rgba, cast(volume, second, PRE).rgba)
+    assert after.stats["macrocells"]["occupied"] != before.stats["macrocells"]["occupied"]
+
+
+def test_rays_end_behind_an_opaque_front(gl: moderngl.Context, volume: Volume) -> None:
+    low, high = volume.value_range
+    tf = ramp_tf(low, high, (20.0, 20.0))
+    early = cast(volume, tf, PRE)
+    late = cast(volume, tf, PRE, settings=RenderSettings(min_transmittance=0.0))
+    assert early.stats["skipped"]["rays_ended_early"] > 0
+    assert early.stats["samples_per_ray"]["mean"] < 0.5 * late.stats["samples_per_ray"]["mean"]
+    assert np.abs(early.rgba - late.rgba).max() <= 2.0**-20 + ROUNDING
+
+
+def test_masked_samples_leave_holes(gl: moderngl.Context) -> None:
+    samples = np.linspace(0.0, 1.0, 17, dtype=np.float32)[:, None, None] * np.ones((17, 17, 17), np.float32)
+    samples[:, :, 8:] = np.nan
+    volume = Volume(samples)
+    tf = ramp_tf(0.0, 1.0, (0.1, 0.1))
+    with pytest.raises(InputError, match=r"NaN|finite"):
+        raycast(volume, tf, size=SIZE)
+    found = raycast(volume, tf, size=(32, 32), nan_masked=True).rgba
+    assert np.isfinite(found).all()
+    columns = Camera.orbit(volume.box).rays(1.0).origins_and_directions(32, 32)[0][0, :, 0]
+    assert (found[16, columns > 7.0, 3] == 0.0).all()
+    shown = (columns > 0.0) & (columns < 7.0)
+    assert np.abs(found[16, shown, 3] - (1.0 - np.exp(-0.1 * 16.0))).max() <= ROUNDING
+
+
+def test_light_on_a_plane_is_that_of_its_normal(gl: moderngl.Context) -> None:
+    volume = linear_volume()
+    tf = ramp_tf(12.0, 16.0, (0.5, 0.5))
+    camera = Camera.orbit(volume.box, azimuth=30.0)
+    material = Material(ambient=0.0, diffuse=1.0, specular=0.0)
+    plain, lit = (
+        cast(volume, tf, PRE, camera=camera, settings=RenderSettings(material=shading)).rgba
+        for shading in (None, material)
+    )
+    slope = volume.geometry.world_gradient_from_index_gradient @ np.array([1.0, 0.5, -0.7])
+    cosine = abs(slope @ camera.rays(1.0).forward) / np.linalg.norm(slope)
+    assert np.abs(lit[..., :3] - cosine * plain[..., :3]).max() <= 10 * ROUNDING
+
+
+def test_a_picture_beyond_the_driver_is_refused(gl: moderngl.Context, volume: Volume) -> None:
+    with pytest.raises(CapacityError, match="larger than this driver"):
+        raycast(volume, tents(volume, 0.3), size=(100_000, 4))
