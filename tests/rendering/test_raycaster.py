@@ -217,8 +217,8 @@ def test_tiny_differential_steps_are_clean(gl: moderngl.Context, volume: Volume)
     for scale in (4.0, 0.5, 1.0 / 64.0):
         own = replace(PRE, sampling=Sampling.DIFFERENTIAL, pixel_scale=scale)
         errors.append(float(np.abs(cast(volume, tf, own, camera=camera).rgba - expected).max()))
-    # Far from the eye steps go with the root of s_k: 5.7 times smaller from 1/2 to 1/64, so the errors of a method of order
-    # 2 fall 32 times, but for where samples happen to lie.
+    # Far from the eye steps go with the root of s_k: 5.7 times smaller from 1/2 to 1/64, so the errors of a method of
+    # order 2 fall 32 times, but for where samples happen to lie.
     assert errors[1] < errors[0]
     assert errors[2] < errors[1] / 8.0
 
