@@ -165,3 +165,14 @@ def cubic_part(b0: float, b1: float, b2: float, b3: float, low: float, high: flo
     lh0, lh1 = lerp(l0, l1, high), lerp(l1, l2, high)
     hh0, hh1 = lerp(h0, h1, high), lerp(h1, h2, high)
     return lerp(ll0, ll1, low), lerp(ll0, ll1, high), lerp(lh0, lh1, high), lerp(hh0, hh1, high)
+
+
+@compiled
+def cubic_through(f0: float, f1: float, f2: float, f3: float) -> Cubic:
+    """Bernstein coefficients of the cubic through the values at 0, 1/3, 2/3 and 1."""
+    return (
+        f0,
+        (18.0 * f1 - 5.0 * f0 - 9.0 * f2 + 2.0 * f3) / 6.0,
+        (2.0 * f0 - 9.0 * f1 + 18.0 * f2 - 5.0 * f3) / 6.0,
+        f3,
+    )

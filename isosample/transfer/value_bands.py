@@ -29,6 +29,8 @@ class ValueBands(NamedTuple):
         Lower and upper end of every band; the outer ones end at `LOWEST` and `HIGHEST`.
     optics : (K + 1, 2, 4) float64
         Straight linear RGB and extinction [1/world] at the two ends, linear between them.
+    widths : (K + 1,) float64
+        Of the bands, before their ends were rounded to float32 and the last point was raised.
     impulses : (K, 4) float64
         Straight linear RGB and opacity of a crossing of each level; 0 where it is no isosurface.
     """
@@ -36,6 +38,7 @@ class ValueBands(NamedTuple):
     levels: F64
     ends: F64
     optics: F64
+    widths: F64
     impulses: F64
 
     @classmethod
@@ -65,6 +68,7 @@ class ValueBands(NamedTuple):
             levels=ends[1:-1],
             ends=np.stack([ends[:-1], ends[1:]], axis=-1),
             optics=_optics(transfer_function, edges),
+            widths=np.diff(edges) * inverse_width,
             impulses=np.array(impulses).reshape(-1, 4),
         )
 

@@ -11,7 +11,7 @@ void composite_stretch(Stretch stretch) {
 #if METHOD == 0
     composite_samples(stretch);
 #elif METHOD == 1 && INTEGRATION == 0
-    composite_linear(stretch);
+    composite_bands(stretch, true);
 #elif METHOD == 1
     composite_entry(stretch);
 #else

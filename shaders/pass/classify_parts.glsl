@@ -12,10 +12,11 @@ vec3 lit(vec3 straight, float distance) {
 #endif
 }
 
-// From `start` to `end`, with optics (straight linear RGB, extinction) at the two.
-void composite_slab(float start, float end, vec4 front, vec4 back) {
-    if (!(front.a > 0.0 || back.a > 0.0) || !(end > start)) return;
-    vec2 weights = segment_weights(front.a * (end - start), back.a * (end - start));
+// A way of `length` from the distance `start` to `end` (the difference of which is not as precise where they are close), with
+// optics (straight linear RGB, extinction) at the two.
+void composite_slab(float start, float length, float end, vec4 front, vec4 back) {
+    if (!(front.a > 0.0 || back.a > 0.0) || !(length > 0.0)) return;
+    vec2 weights = segment_weights(front.a * length, back.a * length);
     composite(weights.x * lit(front.rgb, start) + weights.y * lit(back.rgb, end), weights.x + weights.y);
 }
 

@@ -5,7 +5,7 @@
 void composite_samples(Stretch stretch) {
     vec4 front = optics_at(stretch.front);
 #if QUADRATURE
-    composite_slab(stretch.start, stretch.end, front, optics_at(stretch.back));
+    composite_slab(stretch.start, stretch.end - stretch.start, stretch.end, front, optics_at(stretch.back));
 #else
     float opacity = opacity_from_depth(front.a * (stretch.end - stretch.start));
     if (opacity > 0.0) composite(opacity * lit(front.rgb, stretch.start), opacity);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,10 +39,13 @@ layout(std430, binding = BINDING_BAND_STARTS) readonly buffer BandStarts {{ uint
 layout(std430, binding = BINDING_PEAKS) readonly buffer Peaks {{ Peak peaks[]; }};
 layout(std430, binding = {cubics}) readonly buffer Cubics {{ vec4 cubics[]; }};
 layout(std430, binding = {results}) writeonly buffer Results {{ vec4 results[]; }};
-struct Ray {{ float start; vec3 index_start; vec3 index_direction; vec3 radiance; float transmittance; uint roots; uint crossings; }};
+struct Ray {{
+    float start; vec3 index_start; vec3 index_direction; vec3 radiance; float transmittance; uint roots; uint crossings;
+}};
 struct Stretch {{ float start; float end; float front; float back; }};
 Ray ray;
 vec4 cubic;
+ivec3 cell_at(vec3 index) {{ return clamp(ivec3(index), ivec3(0), raycast.samples.xyz - 2); }}
 vec3 ray_at(float distance) {{ return ray.index_start + distance * ray.index_direction; }}
 float field(vec3 index) {{ return cubic.x + index.x * (cubic.y + index.x * (cubic.z + index.x * cubic.w)); }}
 float ray_value(float distance) {{ ++ray.roots; return field(ray_at(distance)); }}
@@ -89,7 +93,7 @@ def cast(
     coefficients = np.ascontiguousarray(cubics, dtype=np.float32).reshape(-1, 4)
     base = length / steps if table_length is None else table_length
     transfer = DeviceTransfer(gl, transfer_function, UNIT_SCALE, settings, base)
-    constants = transfer.constants() | {"SHADING": 0}
+    constants = transfer.constants() | {"SHADING": 0, "RECONSTRUCTION": 1}
     declared = "".join(f'#ifndef {name}\n#error "needed"\n#endif\n' for name in constants)
     included = "".join(f'#include "lib/{name}.glsl"\n' for name in LIBRARY)
     entry = ENTRY.format(
@@ -118,15 +122,15 @@ def cast(
 
 def integrated(transfer_function: TransferFunction, cubic: Sequence[float], length: float = 1.0) -> F64:
     """Radiance and opacity (4,) of one ray: Gauss-Legendre panels between the crossings of all levels."""
-    cubic = np.asarray(cubic, dtype=np.float32).astype(np.float64)
+    field = np.asarray(cubic, dtype=np.float32).astype(np.float64)
     surfaces = {surface.value: surface for surface in transfer_function.isosurfaces}
     values = sorted({*surfaces, *(point.value for point in transfer_function.points)})
-    crossings = sorted((place, value) for value in values for place in roots(cubic, value, length))
+    crossings = sorted((place, value) for value in values for place in roots(field, value, length))
     edges = [0.0, *(place for place, _ in crossings), length]
     light, through = np.zeros(3), 1.0
-    for i, (start, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for i, (start, end) in enumerate(itertools.pairwise(edges)):
         if end > start:
-            radiance, opacity = _part(transfer_function, cubic, start, end)
+            radiance, opacity = _part(transfer_function, field, start, end)
             light, through = light + through * radiance, through * (1.0 - opacity)
         if i < len(crossings) and crossings[i][1] in surfaces:
             surface = surfaces[crossings[i][1]]
