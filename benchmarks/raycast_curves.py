@@ -48,6 +48,7 @@ class OurFrames:
             self._caster = RayCaster(scene.volume, scene.transfer_function, raycast=settings)
         self.samples = 0.0
         self.root_evaluations = 0.0
+        self.occupied = 1.0
 
     def render(self) -> F32:
         """Draw and read back; keeps the samples per ray."""
@@ -55,6 +56,8 @@ class OurFrames:
             image = self._caster.render(camera=self._scene.camera, size=(self._size, self._size))
         self.samples = image.stats["samples_per_ray"]["mean"]
         self.root_evaluations = image.stats["root_evaluations_per_ray"]
+        cells = image.stats["macrocells"]
+        self.occupied = cells["occupied"] / cells["of"]
         return image.rgba
 
     def release(self) -> None:
@@ -74,6 +77,11 @@ class Point:
     samples: float = 0.0  # mean samples per ray, as far as the program tells
     root_evaluations: float = 0.0
 
+    @property
+    def evaluations(self) -> float:
+        """All of the field, per ray."""
+        return self.samples + self.root_evaluations
+
 
 @dataclass
 class Curve:
@@ -83,39 +91,36 @@ class Curve:
 
     def seconds_at_error(self, error: float) -> float | None:
         """Least time with which an error is reached, between the points by straight lines in log-log."""
-        return self._at([point.error for point in self.points], error, "seconds")
+        return self._at("error", error, "seconds")
 
-    def samples_at_error(self, error: float) -> float | None:
-        """Samples per ray with which an error is reached."""
-        return self._at([point.error for point in self.points], error, "samples")
+    def evaluations_at_error(self, error: float) -> float | None:
+        """Field evaluations per ray with which an error is reached."""
+        return self._at("error", error, "evaluations")
 
     def error_at_seconds(self, seconds: float) -> float | None:
         """Error that a time gives."""
-        return self._at([point.seconds for point in self.points], seconds, "error")
+        return self._at("seconds", seconds, "error")
 
-    def samples_at_seconds(self, seconds: float) -> float | None:
-        """Samples per ray that a time gives."""
-        return self._at([point.seconds for point in self.points], seconds, "samples")
+    def evaluations_at_seconds(self, seconds: float) -> float | None:
+        """Field evaluations per ray that a time gives."""
+        return self._at("seconds", seconds, "evaluations")
 
     def reached_by_coarsest(self, error: float) -> bool:
         """Whether already the cheapest point is good enough: the time is then an upper bound."""
         return bool(self.points) and self.points[0].error <= error
 
-    def _at(self, keys: Sequence[float], wanted: float, what: str) -> float | None:
-        """First crossing of `wanted` on the way from coarse to fine."""
+    def _at(self, by: str, wanted: float, what: str) -> float | None:
+        """`what` where `by` first passes `wanted`, from coarse to fine; the coarsest if it is good enough."""
+        keys = [getattr(point, by) for point in self.points]
         values = [getattr(point, what) for point in self.points]
-        if keys and (keys[0] <= wanted if what != "error" else keys[0] >= wanted):
+        if by == "error" and self.reached_by_coarsest(wanted):
             return float(values[0])
         for row in range(1, len(keys)):
             before, after = keys[row - 1], keys[row]
             if min(before, after) <= wanted <= max(before, after) and before != after:
                 share = np.log(wanted / before) / np.log(after / before)
-                log = (1 - share) * np.log(values[row - 1]) + share * np.log(values[row])
-                return float(np.exp(log))
+                return float(np.exp((1 - share) * np.log(values[row - 1]) + share * np.log(values[row])))
         return None
-
-
-Maker = "Callable[[float], Frames]"
 
 
 def measure(
@@ -135,8 +140,7 @@ def measure(
         active = {
             name: steps[rank]
             for name, (_, steps) in makers.items()
-            if rank < len(steps)
-            and not (curves[name].points and curves[name].points[-1].error <= stop_error)
+            if rank < len(steps) and not (curves[name].points and curves[name].points[-1].error <= stop_error)
         }
         with ExitStack() as stack:
             frames: dict[str, Frames] = {}
@@ -155,16 +159,12 @@ def _in_turn(
     found: dict[str, Point] = {}
     spent: dict[str, list[float]] = {name: [] for name in frames}
     for name, each in frames.items():
-        start = time.perf_counter()
         difference = each.render().astype(np.float64) - reference
-        slow = time.perf_counter() - start > SLOW_FRAME
         found[name] = Point(
             steps[name], 0.0, float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())
         )
         if isinstance(each, OurFrames):
             found[name].samples, found[name].root_evaluations = each.samples, each.root_evaluations
-        if slow:
-            spent[name] = []
     for turn in range(repetitions):
         for name, each in frames.items():
             if turn >= 3 and np.median(spent[name]) > SLOW_FRAME:
@@ -175,3 +175,14 @@ def _in_turn(
     for name, point in found.items():
         point.seconds = float(np.median(spent[name]))
     return found
+
+
+def timed_frame(frames: Frames, *, repetitions: int) -> tuple[F32, float]:
+    """The picture, and the median time of some frames after the first."""
+    picture = frames.render()
+    spent = []
+    for _ in range(repetitions):
+        start = time.perf_counter()
+        frames.render()
+        spent.append(time.perf_counter() - start)
+    return picture, float(np.median(spent))

@@ -130,15 +130,26 @@ def scans(*names: str) -> Iterator[RaycastScene]:
 
 def impulses(count: int = IMPULSES) -> RaycastScene:
     """A nucleon-like field with many isosurfaces and nothing between them."""
-    scene = nucleon_tents()
-    low, high = 0.02, 0.94
-    surfaces = [
-        Isosurface(low + (high - low) * share, (share, 0.5, 1.0 - share), IMPULSE_OPACITY)
-        for share in ((np.arange(count) + 0.5) / count).tolist()
-    ]
     return replace(
-        scene, name=f"{count} isosurfaces", transfer_function=TransferFunction([], isosurfaces=surfaces)
+        nucleon_tents(), name="nucleon-like 128³", transfer_function=_isosurfaces(count, 0.02, 0.94)
     )
+
+
+def ramp_impulses(count: int = IMPULSES) -> RaycastScene:
+    """Many isosurfaces of a ramp along an axis of 65³ samples: two between neighbouring samples."""
+    ramp = np.broadcast_to(np.linspace(0.0, 1.0, 65, dtype=np.float32)[:, None, None], (65, 65, 65))
+    volume = Volume(np.ascontiguousarray(ramp), name="ramp")
+    camera = Camera.orbit(volume.box, azimuth=31, elevation=23, zoom=1.5)
+    return RaycastScene("ramp 65³", volume, _isosurfaces(count, 0.0, 1.0), camera)
+
+
+def _isosurfaces(count: int, low: float, high: float) -> TransferFunction:
+    """Isosurfaces in the middle of equal parts of a range, from blue to red."""
+    shares = ((np.arange(count) + 0.5) / count).tolist()
+    surfaces = [
+        Isosurface(low + (high - low) * share, (share, 0.5, 1.0 - share), IMPULSE_OPACITY) for share in shares
+    ]
+    return TransferFunction([], isosurfaces=surfaces)
 
 
 def close_up(scene: RaycastScene) -> Camera:
