@@ -47,14 +47,11 @@ Room room_around(March march, int leap) {
     Room room;
     room.low = max(march.cell - reach, ivec3(0));
     room.high = min(march.cell + reach + 1, raycast.macrocells.xyz);
-    vec3 exits;
-    for (int axis = 0; axis < 3; ++axis) {
-        float along = ray.index_direction[axis];
-        float bound = float((along > 0.0 ? room.high[axis] : room.low[axis]) * raycast.macrocells.w);
-        exits[axis] = along == 0.0 ? FAR : ray.start + (bound - ray.index_start[axis]) / along;
-    }
+    bvec3 ascends = greaterThan(ray.index_direction, vec3(0.0));
+    vec3 bounds = float(raycast.macrocells.w) * mix(vec3(room.low), vec3(room.high), ascends);
+    vec3 exits = mix(ray.start + (bounds - ray.index_start) / ray.index_direction, vec3(FAR), equal(ray.index_direction, vec3(0.0)));
     room.axis = exits.x <= exits.y && exits.x <= exits.z ? 0 : exits.y <= exits.z ? 1 : 2;
-    room.exit = max(exits[room.axis], march.entry);
+    room.exit = max(min(exits.x, min(exits.y, exits.z)), march.entry);
     return room;
 }
 
@@ -62,8 +59,9 @@ Room room_around(March march, int leap) {
 bool leave(Room room, inout March march) {
     march.entry = room.exit;
     vec3 index = ray.index_start + (room.exit - ray.start) * ray.index_direction;
-    ivec3 next = clamp(ivec3(floor(index / float(raycast.macrocells.w))), room.low, room.high - 1);
-    next[room.axis] = ray.index_direction[room.axis] > 0.0 ? room.high[room.axis] : room.low[room.axis] - 1;
+    ivec3 beside = clamp(ivec3(floor(index / float(raycast.macrocells.w))), room.low, room.high - 1);
+    ivec3 behind = mix(room.low - 1, room.high, greaterThan(ray.index_direction, vec3(0.0)));
+    ivec3 next = mix(beside, behind, equal(ivec3(0, 1, 2), ivec3(room.axis)));
     march.cell = next;
     return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
 }
