@@ -113,9 +113,9 @@ def add_reconstruction_option(parser: argparse.ArgumentParser) -> None:
     """Add what the field is between the samples."""
     parser.add_argument(
         "--reconstruction",
-        choices=("trilinear", "cubic", "bspline", "bc21"),
-        help="field between the samples: trilinear (default); cubic, the smooth spline through them; bspline and bc21 "
-        "smooth the samples too",
+        choices=("trilinear", "cubic", "catmull-rom", "bspline", "bc21"),
+        help="field between the samples: trilinear (default); cubic, the smooth spline through them, and catmull-rom, "
+        "which reaches two samples far; bspline and bc21 smooth the samples too",
     )
 
 

@@ -19,7 +19,7 @@ from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.store import chunk_key
 from isosample.surfaces.surface_files import listed_key, read_rows
 from isosample.volume.bricks import brick_ranges, bricks_of
-from isosample.volume.reconstruction import GridSpline, Reconstruction
+from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -70,7 +70,7 @@ class Field:
 
     def active(self, levels: F64) -> Bool:
         """(B, K) bool, whether a brick has samples on both sides: low < isovalue <= high, equal being inside."""
-        smooths = self.settings.reconstruction not in (Reconstruction.TRILINEAR, Reconstruction.CUBIC)
+        smooths = not self.settings.reconstruction.interpolates
         ranges = brick_ranges(self._nodes_and_spline()[0], self.bricks) if smooths else self.scan.ranges
         found: Bool = (ranges[:, :1] < levels) & (levels <= ranges[:, 1:])
         return found
@@ -102,7 +102,7 @@ class Field:
         if not self._built:
             reconstruction = self.settings.reconstruction
             spline = GridSpline.build(self.volume, reconstruction) if reconstruction.smooth else None
-            keeps = spline is None or reconstruction is Reconstruction.CUBIC
+            keeps = spline is None or reconstruction.interpolates
             nodes = self.volume if keeps else replace(self.volume, array=spline.samples())  # type: ignore[union-attr]
             self._built.append((nodes, spline))
         return self._built[0]

@@ -209,9 +209,9 @@ def _brick_mesh(
 def _values_at_samples(volume: Volume, reconstruction: Reconstruction, spline: GridSpline | None) -> Volume:
     """Return the field at the samples: they themselves, except where the reconstruction smooths them.
 
-    A cubic spline passes through the samples up to rounding, which would tear plateaus that equal an isovalue.
+    An interpolating spline passes through the samples up to rounding, which would tear plateaus that equal an isovalue.
     """
-    if spline is None or reconstruction is Reconstruction.CUBIC:
+    if spline is None or reconstruction.interpolates:
         return volume
     return replace(volume, array=spline.samples())
 

@@ -29,20 +29,27 @@ SLAB_SAMPLES = 1 << 20  # the spline is fitted to so many samples at once, so th
 class Reconstruction(enum.Enum):
     """How a field is made of samples.
 
-    `cubic` passes through the samples, `bspline` and `bc21` smooth them. The spline of the first two has two
-    continuous derivatives, that of `bc21` has one. `bspline` keeps linear fields; `bc21` keeps constants
-    alone: a ramp comes out as stairs, off by up to 0.29 of the step between samples and not even monotone.
+    `cubic` and `catmull-rom` pass through the samples, `bspline` and `bc21` smooth them. The fields of `cubic` and
+    `bspline` have two continuous derivatives, the other two have one. `cubic` keeps cubics, `catmull-rom` parabolas,
+    `bspline` linear fields; `bc21` keeps constants alone: a ramp comes out as stairs, off by up to 0.29 of the step
+    between samples and not even monotone. All but `cubic` depend on the samples nearby alone.
     """
 
     TRILINEAR = "trilinear"
     CUBIC = "cubic"  # interpolating cubic spline with not-a-knot ends
     BSPLINE = "bspline"  # uniform cubic B-spline whose coefficients are the samples
     BC21 = "bc21"  # the kernel of Mitchell and Netravali's family with B = 2, C = 1
+    CATMULL_ROM = "catmull-rom"  # the interpolating kernel of that family, B = 0, C = 1/2
 
     @property
     def smooth(self) -> bool:
         """Whether the field has a continuous gradient."""
         return self is not Reconstruction.TRILINEAR
+
+    @property
+    def interpolates(self) -> bool:
+        """Whether the field passes through the samples."""
+        return self not in (Reconstruction.BSPLINE, Reconstruction.BC21)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +75,10 @@ class GridSpline:
 
         6 k(x) = (-B - 6C) |x|^3 + (6B + 30C) |x|^2 + (-12B - 48C) |x| + (8B + 24C), \quad 1 \le |x| < 2
 
-    with (B, C) = (1, 0), the uniform cubic B-spline, and (2, 1). `bspline` and `bc21` take the samples as
-    coefficients, those beside the grid being extrapolated linearly. `cubic` uses the B-spline with the
-    coefficients for which it passes through the samples; the two conditions that are missing along every
+    with (B, C) = (1, 0), the uniform cubic B-spline, (2, 1), and (0, 1/2). `bspline` and `bc21` take the samples as
+    coefficients, those beside the grid being extrapolated linearly; so does `catmull-rom`, but extrapolated by the
+    parabola through the last three samples [3]_ (linearly where there are two). `cubic` uses the B-spline with
+    the coefficients for which it passes through the samples; the two conditions that are missing along every
     axis are that differences of order min(4, n) vanish at both ends of n samples: the spline is one cubic
     over the first two cells and over the last two ("not-a-knot" [2]_), a parabola for n = 3, a line for n = 2.
 
@@ -78,6 +86,7 @@ class GridSpline:
     ----------
     .. [1] D. P. Mitchell, A. N. Netravali, "Reconstruction filters in computer graphics", SIGGRAPH 1988, eq. 8.
     .. [2] C. de Boor, "A practical guide to splines", 1978, chapter IV.
+    .. [3] R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE TASSP 29(6), 1981.
     """
 
     coefficients: F64
@@ -101,7 +110,7 @@ class GridSpline:
             if reconstruction is Reconstruction.CUBIC:
                 _fit_along(coefficients, axis)
             else:
-                _extrapolate_along(coefficients, axis)
+                _extrapolate_along(coefficients, axis, parabola=reconstruction is Reconstruction.CATMULL_ROM)
         coefficients.setflags(write=False)
         return cls(coefficients, kernel, absolute_sum)
 
@@ -204,6 +213,9 @@ def spline_kernel(reconstruction: Reconstruction) -> tuple[F64, float]:
     if reconstruction is Reconstruction.BC21:
         # The outer weights, (1 − u)² (1 − 4u) / 3 and its mirror image, are both lowest, −1/12, at u = 1/2.
         sixths, absolute_sum = [[2, -12, 18, -8], [2, 0, 12, -12], [2, 12, -24, 12], [0, 0, -6, 8]], 4.0 / 3.0
+    elif reconstruction is Reconstruction.CATMULL_ROM:
+        # The outer weights, −u (1 − u)² / 2 and its mirror image, sum to −1/8 at u = 1/2.
+        sixths, absolute_sum = [[0, -3, 6, -3], [6, 0, -15, 9], [0, 3, 12, -9], [0, 0, -3, 3]], 1.25
     else:
         sixths, absolute_sum = [[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]], 1.0
     kernel = np.array(sixths) / 6.0
@@ -230,9 +242,13 @@ def check_smooth(volume: Volume, reconstruction: Reconstruction) -> None:
         )
 
 
-def _extrapolate_along(coefficients: F64, axis: int) -> None:
-    """Continue the samples linearly by one on each side."""
+def _extrapolate_along(coefficients: F64, axis: int, *, parabola: bool) -> None:
+    """Continue the samples by one on each side: linearly, or by a parabola where there are three."""
     lines = np.moveaxis(coefficients, axis, 0)
+    if parabola and len(lines) > 4:
+        lines[0] = 3.0 * (lines[1] - lines[2]) + lines[3]
+        lines[-1] = 3.0 * (lines[-2] - lines[-3]) + lines[-4]
+        return
     lines[0] = 2.0 * lines[1] - lines[2]
     lines[-1] = 2.0 * lines[-2] - lines[-3]
 

@@ -75,6 +75,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "--segment linear": {"segment": isosample.SegmentRule.LINEAR},
     "--curved": {"curved": True},
     "--reconstruction cubic": {"reconstruction": isosample.Reconstruction.CUBIC},
+    "--reconstruction catmull-rom": {"reconstruction": isosample.Reconstruction.CATMULL_ROM},
     "--reconstruction bspline --no-curved": {
         "reconstruction": isosample.Reconstruction.BSPLINE,
         "curved": False,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from isosample.transfer.isovalue_plan import IsovaluePlan
 
-SMOOTH = [Reconstruction.CUBIC, Reconstruction.BSPLINE, Reconstruction.BC21]
+SMOOTH = [kind for kind in Reconstruction if kind.smooth]
 WHITE = (1.0, 1.0, 1.0)
 
 
@@ -117,7 +117,9 @@ def test_curved_crossings_lie_on_a_sphere_to_a_higher_order(gl: moderngl.Context
     assert curved[2] < 0.03 * flat[2]
 
 
-@pytest.mark.parametrize("reconstruction", [Reconstruction.CUBIC, Reconstruction.BSPLINE])
+@pytest.mark.parametrize(
+    "reconstruction", [Reconstruction.CUBIC, Reconstruction.BSPLINE, Reconstruction.CATMULL_ROM]
+)
 def test_pictures_of_a_smooth_reconstruction_converge_to_its_own_reference(
     gl: moderngl.Context, reconstruction: Reconstruction
 ) -> None:

@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64
 
 U = 2.0**-53
-SMOOTH = [Reconstruction.CUBIC, Reconstruction.BSPLINE, Reconstruction.BC21]
-PARAMETERS = {Reconstruction.CUBIC: (1, 0), Reconstruction.BSPLINE: (1, 0), Reconstruction.BC21: (2, 1)}
+SMOOTH = [kind for kind in Reconstruction if kind.smooth]
+PARAMETERS = {
+    Reconstruction.CUBIC: (1, 0),
+    Reconstruction.BSPLINE: (1, 0),
+    Reconstruction.BC21: (2, 1),
+    Reconstruction.CATMULL_ROM: (0, 0.5),
+}
 
 
 def build(samples: F64, reconstruction: Reconstruction = Reconstruction.CUBIC) -> GridSpline:
@@ -187,6 +192,49 @@ def test_bc21_keeps_linear_fields_at_samples_and_halfway_only() -> None:
     u = places - np.minimum(np.floor(places), np.array(shape[::-1]) - 2.0)
     off = (3.0 * u * (1.0 - u) * (1.0 - 2.0 * u)) @ gradient
     assert np.abs(spline.evaluate(places)[0] - places @ gradient - 3.0 - off).max() <= tolerance
+
+
+@pytest.mark.parametrize("shape", [(2, 2, 2), (3, 2, 5), (6, 11, 7)])
+def test_catmull_rom_passes_through_the_samples_exactly(shape: tuple[int, ...]) -> None:
+    samples = np.random.default_rng(2).normal(size=shape)
+    spline = build(samples, Reconstruction.CATMULL_ROM)
+    assert np.array_equal(spline.samples(), samples)
+    z, y, x = np.indices(shape)
+    places = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    # At the last sample of an axis the weights are sums that leave a rounding or two of their terms, below 15 / 6.
+    rounding = 3 * 4 * 4 * U * float(np.abs(spline.coefficients).max())
+    assert np.abs(spline.evaluate(places)[0].reshape(shape) - samples).max() <= rounding
+
+
+@pytest.mark.parametrize("shape", [(2, 2, 2), (2, 3, 4), (5, 6, 9)])
+def test_catmull_rom_keeps_parabolas_up_to_the_border(shape: tuple[int, ...]) -> None:
+    """Of degree n − 1 where an axis has n < 3 samples; gradients too. Coefficients are the samples and their like."""
+    value = polynomial(tuple(min(2, count - 1) for count in shape), shape)
+    spline = build(value(*np.indices(shape).astype(np.float64)), Reconstruction.CATMULL_ROM)
+    places = places_in(shape)
+    values, gradients = spline.evaluate(places)
+    x, y, z = places.T
+    tolerance = (
+        200 * U * 5.0**3 * np.abs(spline.coefficients).max()
+    )  # weights and their terms sum to at most 5
+    assert np.abs(values - value(z, y, x)).max() <= tolerance < 1e-10
+    for axis in range(3):
+        assert np.abs(gradients[:, 2 - axis] - value(z, y, x, axis=axis)).max() <= 2.0 * tolerance
+
+
+def test_catmull_rom_converges_with_order_three_up_to_the_border() -> None:
+    """Gradients with order 2. Halving the spacing gains 8 and 4."""
+    coarse, fine = (smooth_errors(count, Reconstruction.CATMULL_ROM) for count in (65, 129))
+    assert 8.0 * 0.8 < coarse[0] / fine[0] < 8.0 * 1.25
+    assert 4.0 * 0.8 < coarse[1] / fine[1] < 4.0 * 1.25
+
+
+@pytest.mark.parametrize("reconstruction", SMOOTH)
+def test_reconstructions_say_whether_they_pass_through_the_samples(reconstruction: Reconstruction) -> None:
+    samples = np.random.default_rng(16).normal(size=(5, 6, 7))
+    apart = np.abs(build(samples, reconstruction).samples() - samples).max()
+    assert reconstruction.interpolates == bool(apart < 1e-12)
+    assert Reconstruction.TRILINEAR.interpolates
 
 
 @pytest.mark.parametrize("reconstruction", SMOOTH)
