@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from isosample.compare.differences import rmse
 from isosample.compare.exact_crossings import integrate_exact_crossings
+from isosample.compare.raycast_studies import raycast_programs
 from isosample.compare.study import Study
 from isosample.compare.study_scenes import EDGE, TwoTents, draw, layers, smooth_window
 from isosample.integral.field_reference import integrate_field_rays
@@ -66,6 +67,7 @@ def run_studies(*, quick: bool = False, progress: Callable[[str], None] | None =
     programs["isovalues on a grid"] = lambda: surface_count_study(quick=quick)
     programs["pixels"] = lambda: pixel_study(quick=quick)
     programs["layers"] = lambda: layer_study(quick=quick)
+    programs |= raycast_programs(quick=quick)
     programs["reference, slabs"] = reference_slab_study
     programs["reference, panels"] = lambda: reference_panel_study(quick=quick)
     for name, program in programs.items():

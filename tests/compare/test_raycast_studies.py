@@ -18,6 +18,15 @@ def test_a_rule_of_a_lower_order_is_found(monkeypatch: pytest.MonkeyPatch) -> No
     assert not raycast_studies.riemann_study(quick=True).passed
 
 
+def test_weights_that_are_not_the_integral_and_crossings_that_are_missed_are_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(raycast_studies, "EXACT", raycast_studies.SHARE)
+    assert not raycast_studies.narrow_peak_study(quick=True).passed
+    monkeypatch.setattr(raycast_studies, "SHARE", raycast_studies.PAPER)
+    assert not raycast_studies.peak_share_study(quick=True).passed
+
+
 def test_a_limit_that_is_another_picture_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ramp(24)
     monkeypatch.setattr(type(scene), "truth", 0.98 * scene.truth)
