@@ -19,8 +19,16 @@ from isosample.rendering.raycast_settings import (
     Quadrature,
     TransferLookup,
 )
-from isosample.transfer.peaks import find_peaks, peak_table
-from isosample.transfer.value_bands import HIGHEST, LOWEST, ValueBands
+from isosample.rendering.transfer_records import (
+    band_records,
+    band_starts,
+    level_records,
+    shown_peaks,
+    visible_intervals,
+)
+from isosample.transfer.peaks import peak_table
+from isosample.transfer.table_sizes import layer_lengths
+from isosample.transfer.value_bands import ValueBands
 
 if TYPE_CHECKING:
     import moderngl
@@ -29,6 +37,7 @@ if TYPE_CHECKING:
     from isosample.rendering.scene import ValueScale
     from isosample.transfer.transfer_function import TransferFunction
 
+    F32 = npt.NDArray[np.float32]
     F64 = npt.NDArray[np.float64]
 
 METHODS = {
@@ -42,7 +51,7 @@ PEAK_MODES = {PeakMode.BOTH: 0, PeakMode.XOR: 1, PeakMode.PEAK_ONLY: 2, PeakMode
 PEAK_WEIGHTS = {PeakWeight.PAPER: 0, PeakWeight.INTEGRAL: 1}
 CROSSINGS = {Crossings.SECANT: 0, Crossings.EXACT: 1}
 LOOKUPS = {TransferLookup.EXACT: 0, TransferLookup.TEXTURE: 1}
-LEAST_WIDTH = 1e-30  # of a band that has an inside; the inverse is a float32 number
+TRANSFER_SIZE = 8192  # entries of the sampled transfer function, as Knoll et al. 2009 have it
 
 
 class DeviceTransfer:
@@ -88,12 +97,25 @@ class DeviceTransfer:
         }
         _check_sizes(records, limits(ctx).storage_block_bytes)
         self._buffers = {name: ctx.buffer(table) for name, table in records.items()}
-        self._textures: dict[str, moderngl.Texture] = {}
+        self._textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}
+        try:
+            self._make_textures(ctx, peaks)
+        except CapacityError:
+            self.release()
+            raise
+
+    def _make_textures(self, ctx: moderngl.Context, peaks: npt.NDArray[np.void]) -> None:
+        """Make the textures that the method reads."""
+        settings, textures = self._settings, self._textures
+        if settings.transfer_lookup is TransferLookup.TEXTURE:
+            row = self._bands.evaluate(np.linspace(0.0, 1.0, TRANSFER_SIZE)).astype(np.float32)
+            textures["TRANSFER"] = new_texture(ctx, row[None])
         if self._finds_peaks and settings.crossings is Crossings.SECANT:
-            table = peak_table(peaks["value"], settings.peak_bins)
-            texture = ctx.texture(table.shape[1::-1], 4, table, dtype="u2")
-            texture.filter = (ctx.NEAREST, ctx.NEAREST)
-            self._textures["PEAK_TABLE"] = texture
+            textures["PEAK_TABLE"] = new_texture(ctx, peak_table(peaks["value"], settings.peak_bins))
+        if settings.classification is Classification.PRE_INTEGRATED:
+            table = pre_integrated(self._bands, settings, self._base_length)
+            if table is not None:
+                textures["PRE_INTEGRATION"] = new_texture(ctx, table)
 
     def bind(self) -> None:
         """Bind what the programs with `constants` read."""
@@ -121,6 +143,10 @@ class DeviceTransfer:
         block["band_count"] = len(self._bands.ends)
         block["peak_count"] = self._peak_count
         block["root_iterations"] = self._settings.root_iterations
+        block["transfer_size"] = TRANSFER_SIZE
+        lengths = table_lengths(self._settings, self._base_length)
+        block["table_layers"], block["table_length"] = len(lengths), lengths[0]
+        block["table_ratio"] = np.log(lengths[1] / lengths[0]) if len(lengths) > 1 else 0.0
 
     def visible_intervals(self) -> F64:
         """(N, 2) float64, closed intervals of data values that can be seen, isosurfaces as points; ascending."""
@@ -149,75 +175,51 @@ class DeviceTransfer:
         return self._settings.classification is Classification.PRE_INTEGRATED
 
 
-def visible_intervals(transfer_function: TransferFunction) -> F64:
-    """(N, 2) float64, closed intervals of data values with extinction, and isosurfaces as points.
+def table_lengths(settings: RaycastSettings, base_length: float) -> F64:
+    """(L,) float64, lengths of the stretches that the pre-integration table is made for [world]."""
+    if settings.integration is Integration.TABLE_3D:
+        return layer_lengths(base_length)
+    return np.array([base_length])
 
-    Ascending by their lower ends; neighbouring slopes are one interval each.
+
+def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: float) -> F32 | None:
+    """The table of the settings' integration: (n, n, 4), or (L, n, n, 4) for many lengths; None for none.
+
+    Raises
+    ------
+    CapacityError
+        If it takes too much memory.
     """
-    slopes = [(slope.low.value, slope.high.value) for slope in transfer_function.slopes() if slope.visible]
-    points = [(surface.value, surface.value) for surface in transfer_function.isosurfaces]
-    return np.array(sorted([*slopes, *points]), dtype=np.float64).reshape(-1, 2)
+    from isosample.transfer.preintegration import length_tables
+
+    if settings.integration is Integration.EXACT:
+        return None
+    tables = length_tables(bands, settings.table_size, table_lengths(settings, base_length))
+    return tables if settings.integration is Integration.TABLE_3D else tables[0]
 
 
-def band_records(bands: ValueBands) -> npt.NDArray[np.void]:
-    """(K + 1,) struct Band; ends and widths are those of the float32 numbers that the shader compares.
+def new_texture(
+    ctx: moderngl.Context, texels: npt.NDArray[np.float32] | npt.NDArray[np.uint16]
+) -> moderngl.Texture | moderngl.Texture3D:
+    """Texture of four components for `texelFetch`: (y, x, 4), or (z, y, x, 4); float32 or uint16.
 
-    The extinction is scaled by what rounding did to the width, so that narrow peaks keep their integral.
+    Raises
+    ------
+    CapacityError
+        If the driver's textures are smaller.
     """
-    records = np.zeros(len(bands.ends), dtype=storage_dtype("Band"))
-    records["low"], records["high"] = bands.optics[:, 0], bands.optics[:, 1]
-    records["value_low"], records["value_high"] = bands.ends[:, 0], bands.ends[:, 1]
-    width = bands.ends[:, 1] - bands.ends[:, 0]
-    stretched = bands.widths / np.where(width > 0.0, width, 1.0)
-    for end in ("low", "high"):
-        records[end][:, 3] *= stretched.astype(np.float32)
-    records["extinction_max"] = np.maximum(records["low"][:, 3], records["high"][:, 3])
-    wide = width > LEAST_WIDTH
-    records["inverse_width"] = np.where(wide, 1.0, 0.0) / np.where(wide, width, 1.0)
-    return records
-
-
-def level_records(bands: ValueBands, peaks: npt.NDArray[np.void], weight: PeakWeight) -> npt.NDArray[np.void]:
-    """(max(K, 1),) struct Level, for walks through the bands.
-
-    The sheet of a level that is a peak of the extinction is what the paper composites there: its colour and the
-    opacity of its extinction over a length of 1; with the weight `INTEGRAL` it is a mark, with red 1 and opacity 0.
-    """
-    records = np.zeros(max(len(bands.levels), 1), dtype=storage_dtype("Level"))
-    records["impulse"][: len(bands.levels)] = bands.impulses
-    for peak in peaks[peaks["isosurface"] == 0]:
-        level = int(np.abs(bands.levels - peak["value"]).argmin())
-        opacity = -np.expm1(-float(peak["color"][3]))
-        records["sheet"][level] = (
-            (1, 0, 0, 0) if weight is PeakWeight.INTEGRAL else (*peak["color"][:3], opacity)
+    deep = texels.ndim == 4
+    largest = limits(ctx).texture_3d_size if deep else limits(ctx).texture_size
+    size = texels.shape[-2::-1]
+    if max(size) > largest:
+        raise CapacityError(
+            f"a table of {' x '.join(map(str, size))} entries is larger than this driver's textures, {largest}; use "
+            "a smaller --table-size or --peak-bins."
         )
-    return records
-
-
-def shown_peaks(transfer_function: TransferFunction, scale: ValueScale) -> npt.NDArray[np.void]:
-    """(P,) struct Peak, of those that values of the volume can come near to, ascending."""
-    found = [
-        peak
-        for peak in find_peaks(transfer_function)
-        if LOWEST < (peak.value - scale.low) * scale.inverse_width < HIGHEST
-    ]
-    records = np.zeros(len(found), dtype=storage_dtype("Peak"))
-    for record, peak in zip(records, found, strict=True):
-        places = scale.normalise(np.array([peak.value, peak.low, peak.high]))
-        record["value"], record["low"], record["high"] = np.clip(places, LOWEST, HIGHEST)
-        record["color"] = (*peak.color, peak.strength)
-        record["isosurface"] = peak.isosurface
-    return records
-
-
-def band_starts(levels: F64, count: int) -> npt.NDArray[np.uint32]:
-    """(count + 1,) uint32: the band of a value in bin i of [0, 1] is one of entry i to entry i + 1.
-
-    The outer bins hold all values beyond them.
-    """
-    starts = np.searchsorted(levels, np.arange(count + 1) / count, side="right")
-    starts[0], starts[-1] = 0, len(levels)
-    return starts.astype(np.uint32)
+    kind = "f4" if texels.dtype == np.float32 else "u2"
+    texture = (ctx.texture3d if deep else ctx.texture)(size, 4, np.ascontiguousarray(texels), dtype=kind)
+    texture.filter = (ctx.NEAREST, ctx.NEAREST)
+    return texture
 
 
 def _at_least_one(records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
