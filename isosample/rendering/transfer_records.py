@@ -33,18 +33,12 @@ def visible_intervals(transfer_function: TransferFunction) -> F64:
 
 
 def band_records(bands: ValueBands) -> npt.NDArray[np.void]:
-    """(K + 1,) struct Band; ends and widths are those of the float32 numbers that the shader compares.
-
-    The extinction is scaled by what rounding did to the width, so that narrow peaks keep their integral.
-    """
+    """(K + 1,) struct Band; ends and widths are those of the float32 numbers that the shader compares."""
     records = np.zeros(len(bands.ends), dtype=storage_dtype("Band"))
     records["low"], records["high"] = bands.optics[:, 0], bands.optics[:, 1]
     records["value_low"], records["value_high"] = bands.ends[:, 0], bands.ends[:, 1]
     width = bands.ends[:, 1] - bands.ends[:, 0]
-    stretched = bands.widths / np.where(width > 0.0, width, 1.0)
-    for end in ("low", "high"):
-        records[end][:, 3] *= stretched.astype(np.float32)
-    records["extinction_max"] = np.maximum(records["low"][:, 3], records["high"][:, 3])
+    records["extinction_max"] = bands.optics[:, :, 3].max(axis=1)
     wide = width > LEAST_WIDTH
     records["inverse_width"] = np.where(wide, 1.0, 0.0) / np.where(wide, width, 1.0)
     return records

@@ -28,9 +28,8 @@ class ValueBands(NamedTuple):
     ends : (K + 1, 2) float64
         Lower and upper end of every band; the outer ones end at `LOWEST` and `HIGHEST`.
     optics : (K + 1, 2, 4) float64
-        Straight linear RGB and extinction [1/world] at the two ends, linear between them.
-    widths : (K + 1,) float64
-        Of the bands, before their ends were rounded to float32 and the last point was raised.
+        Straight linear RGB and extinction [1/world] at the two ends, linear between them. The extinction is scaled by
+        what rounding did to the width of the band, so that its integral is kept, however narrow it is.
     impulses : (K, 4) float64
         Straight linear RGB and opacity of a crossing of each level; 0 where it is no isosurface.
     """
@@ -38,7 +37,6 @@ class ValueBands(NamedTuple):
     levels: F64
     ends: F64
     optics: F64
-    widths: F64
     impulses: F64
 
     @classmethod
@@ -67,8 +65,7 @@ class ValueBands(NamedTuple):
         return cls(
             levels=ends[1:-1],
             ends=np.stack([ends[:-1], ends[1:]], axis=-1),
-            optics=_optics(transfer_function, edges),
-            widths=np.diff(edges) * inverse_width,
+            optics=_optics(transfer_function, edges, np.diff(ends), inverse_width),
             impulses=np.array(impulses).reshape(-1, 4),
         )
 
@@ -103,12 +100,19 @@ def _closing(number: np.float32) -> float:
     return float(number + max(np.spacing(abs(number)), np.float32(CLOSING)))
 
 
-def _optics(transfer_function: TransferFunction, edges: F64) -> F64:
+def _optics(transfer_function: TransferFunction, edges: F64, widths: F64, inverse_width: float) -> F64:
     """(K + 1, 2, 4) optics at the ends of the bands; one between two levels of one value has the limit from below."""
     color_low, extinction_low = transfer_function.evaluate(edges[:-1], side="right")
     color_high, extinction_high = transfer_function.evaluate(edges[1:], side="left")
     closing = edges[:-1] == edges[1:]
     color_low[closing], extinction_low[closing] = color_high[closing], extinction_high[closing]
-    low = np.concatenate([color_low, extinction_low[:, None]], axis=-1)
-    high = np.concatenate([color_high, extinction_high[:, None]], axis=-1)
-    return np.stack([low, high], axis=1)
+    optics = np.stack(
+        [
+            np.concatenate([color_low, extinction_low[:, None]], axis=-1),
+            np.concatenate([color_high, extinction_high[:, None]], axis=-1),
+        ],
+        axis=1,
+    )
+    kept = (widths > 0.0) & ~closing
+    optics[kept, :, 3] *= (np.diff(edges)[kept] * inverse_width / widths[kept])[:, None]
+    return optics
