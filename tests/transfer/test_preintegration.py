@@ -77,9 +77,9 @@ def test_every_entry_is_the_integral_of_its_stretch(table: F64) -> None:
     nodes = np.linspace(0.0, 1.0, SIZE)
     expected = [[straight(SCENE, front, back, LENGTH) for front in nodes] for back in nodes]
     worst = np.abs(table - np.array(expected)).max()
-    # 5e-7 of the quadrature, as the kernel says. Levels are rounded by 2^-25, but every band keeps its integral, so that
-    # only places move by that. The last band, 0.1 wide, is 2^-23 wider (see ValueBands): 1.2e-6 of its extinction and of
-    # its colours. Storage 2^-25.
+    # 5e-7 of the quadrature, as the kernel says. Levels are rounded by 2^-25, but every band keeps its integral: only
+    # places move by that. The last band, 0.1 wide, is 2^-23 wider (see ValueBands), 1.2e-6 of its extinction and of its
+    # colours. Storage 2^-25.
     assert worst < 5e-7 + 2.0**-25 + 2.4e-6 + 2.0**-25
 
 
