@@ -4,6 +4,7 @@ DEFAULT_SIZE = (800, 800)  # width, height [pixel]
 DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")
 MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj", ".vtp")
+VOLUME_SUFFIXES = (".nrrd", ".nii.gz", ".nii", ".mha", ".npy")  # that can be written
 DEFAULT_MAX_ISOVALUES = 512  # of a search for a tolerance
 DEFAULT_MAX_TRIANGLES = 20_000_000  # a refinement that could have more is not tried
 SMALLEST_ERROR = 1e-5  # that may be asked for: slopes are half floats and pictures float32

@@ -27,7 +27,7 @@ HEAVY = [
     "PIL",
     "tifffile",
 ]
-COMMANDS = ("demo", "info", "precompute", "render", "verify", "export", "cache", "doctor")
+COMMANDS = ("demo", "info", "filter", "precompute", "render", "verify", "export", "cache", "doctor")
 ESCAPE = "\x1b"
 
 

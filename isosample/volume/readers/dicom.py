@@ -44,7 +44,7 @@ def read_dicom_folder(folder: Path, options: ReadOptions) -> Volume:
     InputError
         If the folder holds no series, several series, a single slice, or slices at unequal distances.
     """
-    sitk = simpleitk("DICOM")
+    sitk = simpleitk("reading DICOM")
     with itk_failures(folder.name, "DICOM"):
         series = sitk.ImageSeriesReader.GetGDCMSeriesIDs(str(folder))
     if not series:

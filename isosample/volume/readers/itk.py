@@ -108,7 +108,7 @@ def read_through_itk(
     InputError
         If the file is damaged, sheared, or not a three-dimensional scalar image and no choice is given.
     """
-    sitk = simpleitk(kind)
+    sitk = simpleitk(f"reading {kind}")
     reader = sitk.ImageFileReader()
     reader.SetFileName(str(path))
     reader.SetImageIO(image_io)
@@ -130,13 +130,13 @@ def read_through_itk(
     )
 
 
-def simpleitk(kind: str) -> Any:
-    """Return the SimpleITK module, or raise saying how to install it."""
+def simpleitk(task: str) -> Any:
+    """Return the SimpleITK module, or raise saying that a task needs it and how to install it."""
     try:
         import SimpleITK
     except ImportError as error:
         raise MissingDependencyError(
-            f'reading {kind} needs SimpleITK, which is not installed: pip install "isosample[medical]".'
+            f'{task} needs SimpleITK, which is not installed: pip install "isosample[medical]".'
         ) from error
     return SimpleITK
 

@@ -1,0 +1,90 @@
+"""Volume files: NRRD, NIfTI and MetaImage through SimpleITK, or the bare samples as a numpy file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.defaults import VOLUME_SUFFIXES
+from isosample.errors import InputError
+from isosample.files import replacing
+from isosample.volume.readers.itk import itk_failures, simpleitk
+
+if TYPE_CHECKING:
+    from isosample.volume.grid import Volume
+
+
+def volume_suffix(path: Path) -> str:
+    """Return which of the suffixes that can be written a path ends in.
+
+    Raises
+    ------
+    InputError
+        If none.
+    """
+    name = path.name.lower()
+    for suffix in VOLUME_SUFFIXES:
+        if name.endswith(suffix):
+            return suffix
+    raise InputError(
+        f"{path} is no volume file that can be written; it ends in {' or '.join(VOLUME_SUFFIXES)}."
+    )
+
+
+def check_can_write(path: Path) -> None:
+    """Raise unless `save_volume` could write a file of that name, as far as can be told before.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of those that can be written.
+    MissingDependencyError
+        If the format needs SimpleITK, which is not installed.
+    """
+    if volume_suffix(path) != ".npy":
+        simpleitk(f"writing {path.name}")
+
+
+def save_volume(volume: Volume, path: Path) -> None:
+    """Write a volume, whole or not at all.
+
+    Parameters
+    ----------
+    volume : Volume
+    path : Path
+        Ends in one of `isosample.defaults.VOLUME_SUFFIXES`. NRRD, NIfTI and MetaImage keep spacing, origin and
+        direction (NIfTI in float32); a numpy file holds the samples alone.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another one, or the file cannot be written.
+    MissingDependencyError
+        If the format needs SimpleITK, which is not installed.
+    """
+    suffix = volume_suffix(path)
+    samples = np.asarray(volume.in_memory().array)
+    if suffix == ".npy":
+        with replacing(path) as file:
+            np.save(file, samples)
+        return
+    sitk = simpleitk(f"writing {path.name}")
+    stored = samples.astype(np.float32) if samples.dtype == np.float16 else samples
+    image = sitk.GetImageFromArray(np.ascontiguousarray(stored, dtype=stored.dtype.newbyteorder("=")))
+    image.SetSpacing(volume.spacing)
+    image.SetOrigin(volume.origin)
+    image.SetDirection(volume.direction.ravel().tolist())
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
+            whole = Path(folder) / f"volume{suffix}"
+            with itk_failures(path.name, suffix.lstrip(".")):
+                sitk.WriteImage(image, str(whole), useCompression=suffix == ".nrrd")
+            os.replace(whole, path)  # noqa: PTH105  # named for what it is: the atomic step
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written: {error.strerror or error}. Choose another path."
+        ) from error
