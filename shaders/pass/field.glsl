@@ -16,12 +16,19 @@ layout(binding = UNIT_VOLUME) uniform sampler3D volume;
 
 const vec4 ABSENT = vec4(1e38);   // neighbours outside the grid, above MASKED_VALUE
 
+#if FILTERING == 0
+vec2 texel_size = 1.0 / vec2(textureSize(volume, 0).xy);   // computed once per call of the shader
+
+// The corner that four texels share, in texture coordinates, and their layer.
+vec3 corner_of(ivec3 texel) { return vec3(vec2(texel.xy + 1) * texel_size, float(texel.z)); }
+#endif
+
 // Four texels of one z: (x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1); outside the grid those at its border.
 vec4 quad_at(ivec3 texel) {
-    ivec3 size = textureSize(volume, 0);
 #if FILTERING == 0
-    return textureGather(volume, vec3(vec2(texel.xy + 1) / vec2(size.xy), float(texel.z))).wzxy;
+    return textureGather(volume, corner_of(texel)).wzxy;
 #else
+    ivec3 size = textureSize(volume, 0);
     ivec3 low = clamp(texel, ivec3(0), size - 1);
     ivec2 high = min(texel.xy + 1, size.xy - 1);
     return vec4(texelFetch(volume, low, 0).r, texelFetch(volume, ivec3(high.x, low.yz), 0).r,
@@ -37,7 +44,9 @@ ivec3 cell_at(vec3 index) { return clamp(ivec3(index), ivec3(0), max(raycast.sam
 float field(vec3 index) {
 #if FILTERING == 0
     ivec3 cell = cell_at(index);
-    return trilinear(quad_at(cell), quad_at(cell + ivec3(0, 0, 1)), index - vec3(cell));
+    vec3 corner = corner_of(cell);
+    vec4 above = textureGather(volume, vec3(corner.xy, corner.z + 1.0)).wzxy;
+    return trilinear(textureGather(volume, corner).wzxy, above, index - vec3(cell));
 #else
     return textureLod(volume, (index + 0.5) / vec3(raycast.samples.xyz), 0.0).r;
 #endif
