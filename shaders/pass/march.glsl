@@ -95,6 +95,24 @@ bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
     return march.number >= last || ray.transmittance < frame.min_transmittance;
 }
 
+// Leaps to the next macrocell that shows something, and its room; `ended` if there is none. A loop of its own: the lanes of a
+// vector come to their next samples together.
+uvec4 occupied_cell(inout March march, out Room room, inout int loops, inout uint skipped, inout bool ended) {
+    uvec4 cell = texelFetch(macrocells, march.cell, 0);
+    room = room_around(march, int(cell.r));
+    while (cell.r != 0u && loops > 0) {
+        --loops;
+        ++skipped;
+        if (!leave(room, march)) {
+            ended = true;
+            break;
+        }
+        cell = texelFetch(macrocells, march.cell, 0);
+        room = room_around(march, int(cell.r));
+    }
+    return cell;
+}
+
 // True if the ray is at its end; else `march` is where it goes on.
 bool march_on(inout March march) {
     int loops = raycast.loop_limit;
@@ -103,16 +121,12 @@ bool march_on(inout March march) {
     bool ended = false;
     while (!ended && loops > 0) {
         --loops;
-        uvec4 cell = texelFetch(macrocells, march.cell, 0);
-        Room room = room_around(march, int(cell.r));
-        if (cell.r == 0u) {
-            ++visited;
-            if (!cross_room(room, int(cell.g), march, loops)) break;
-            ended = ray.transmittance < frame.min_transmittance;
-        } else {
-            ++skipped;
-        }
-        ended = ended || !leave(room, march);
+        Room room;
+        uvec4 cell = occupied_cell(march, room, loops, skipped, ended);
+        if (ended || cell.r != 0u) break;
+        ++visited;
+        if (!cross_room(room, int(cell.g), march, loops)) break;
+        ended = ray.transmittance < frame.min_transmittance || !leave(room, march);
     }
     if (visited > 0u) atomicAdd(counters.macrocells, visited);
     if (skipped > 0u) atomicAdd(counters.skipped, skipped);
