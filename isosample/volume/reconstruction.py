@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
 
 SLAB_SAMPLES = 1 << 20  # the spline is fitted to so many samples at once, so that copies stay small
+BANDS = 4  # on either side of the diagonal of the matrix that takes coefficients to samples
 
 
 class Reconstruction(enum.Enum):
@@ -255,15 +256,38 @@ def _extrapolate_along(coefficients: F64, axis: int, *, parabola: bool) -> None:
 
 def _fit_along(coefficients: F64, axis: int) -> None:
     """Replace the samples along an axis by the coefficients of the cubic spline through them."""
-    from scipy.linalg import solve_banded
+    from scipy.linalg.lapack import dgbtrf
 
     lines = np.moveaxis(coefficients, axis, 0)
-    bands = _interpolation_bands(len(lines) - 2)
+    room = np.zeros((BANDS, len(lines)))  # above the matrix, for what pivoting fills in
+    factors, pivots, _ = dgbtrf(np.concatenate([room, _interpolation_bands(len(lines) - 2)]), BANDS, BANDS)
     thickness = max(1, SLAB_SAMPLES // (lines.shape[0] * lines.shape[2]))
     for start in range(0, lines.shape[1], thickness):
         slab = lines[:, start : start + thickness]
-        right = slab.reshape(len(lines), -1)  # its first and last row are 0: differences that vanish
-        slab[...] = solve_banded((4, 4), bands, right, check_finite=False).reshape(slab.shape)
+        right = np.array(slab).reshape(
+            len(lines), -1
+        )  # its first and last row are 0: differences that vanish
+        _substitute(factors, pivots.tolist(), right)
+        slab[...] = right.reshape(slab.shape)
+
+
+def _substitute(factors: F64, pivots: list[int], right: F64) -> None:
+    """Solve with the factors of a band matrix for all columns of `right`, in place.
+
+    As LAPACK's dgbtrs does, but by whole rows, which lie side by side in memory, and without the zeros of the bands.
+    """
+    diagonal, last = 2 * BANDS, len(right) - 1
+    for row, pivot in enumerate(pivots):
+        if pivot != row:
+            right[[row, pivot]] = right[[pivot, row]]
+        for below in range(1, min(BANDS, last - row) + 1):
+            if (factor := factors[diagonal + below, row]) != 0.0:
+                right[row + below] -= factor * right[row]
+    for row in range(last, -1, -1):
+        right[row] /= factors[diagonal, row]
+        for above in range(1, min(2 * BANDS, row) + 1):
+            if (factor := factors[diagonal - above, row]) != 0.0:
+                right[row - above] -= factor * right[row]
 
 
 def _interpolation_bands(count: int) -> F64:
