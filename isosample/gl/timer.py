@@ -1,4 +1,4 @@
-"""Seconds spent in each named stage of a frame."""
+"""Seconds: of each named stage of a frame by the wall clock, and of a whole frame by the GPU's own clock."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import moderngl
+
+LONGEST_QUERY_NS = (
+    2**32 - 1
+)  # what a query holds at most: longer times, and times that go backwards, end there
 
 
 class StageTimer:
@@ -58,3 +62,44 @@ class StageTimer:
     def _wait(self) -> None:
         if self._synchronous:
             self._ctx.finish()
+
+
+class GpuTimer:
+    """Seconds that the GPU took from the first to the last command of a block, by a timer query.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+        Current context.
+
+    Notes
+    -----
+    What the GPU idles in between, because the host reads something back, counts. Blocks of one context do not
+    nest: OpenGL has one such query at a time.
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._query = ctx.query(time=True)
+
+    @contextmanager
+    def block(self) -> Iterator[None]:
+        """Time the commands issued inside the ``with`` block.
+
+        Yields
+        ------
+        None
+        """
+        with self._query:
+            yield
+
+    def seconds(self) -> float | None:
+        """Time of the last block [s], which is awaited; None where the driver does not tell it.
+
+        Returns
+        -------
+        seconds : float or None
+            None above 4.29 s, where the query's 32 bits end, and where the driver's clock had no start (Mesa's
+            software renderer in the first block of a process).
+        """
+        elapsed = int(self._query.elapsed)
+        return None if elapsed >= LONGEST_QUERY_NS else 1e-9 * elapsed

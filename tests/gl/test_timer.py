@@ -1,12 +1,16 @@
-"""Stages accumulate wall time, also when they raise, and only wait for the GPU when asked."""
+"""Stages accumulate wall time and wait for the GPU only when asked; the GPU's clock agrees with the wall's."""
 
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import pytest
 
-from isosample.gl.timer import StageTimer
+from isosample.gl.timer import LONGEST_QUERY_NS, GpuTimer, StageTimer
+
+if TYPE_CHECKING:
+    import moderngl
 
 
 class _CountingContext:
@@ -56,3 +60,37 @@ def test_gpu_is_awaited_at_both_ends_only_if_synchronous(synchronous: bool, wait
     with timer.stage("build"):
         pass
     assert context.wait_count == wait_count
+
+
+def test_the_gpus_clock_lies_within_the_walls(gl: moderngl.Context) -> None:
+    timer = GpuTimer(gl)
+    texture = gl.texture((2048, 2048), 4, dtype="f4")
+    target = gl.framebuffer([texture])
+    found = []
+    for _ in range(3):  # the first block of a process may be untold
+        start = time.perf_counter()
+        with timer.block():
+            for level in range(8):
+                target.clear(level / 8.0, 0.0, 0.0, 1.0)
+            gl.finish()
+        found.append((timer.seconds(), time.perf_counter() - start))
+    target.release()
+    texture.release()
+    told = [(gpu, wall) for gpu, wall in found if gpu is not None]
+    assert len(told) >= 2
+    assert all(0.0 < gpu <= wall for gpu, wall in told)
+
+
+class _FullQuery:
+    """Stands for a query whose counter is at its end."""
+
+    elapsed = LONGEST_QUERY_NS
+
+
+class _QueryContext:
+    def query(self, **_: bool) -> _FullQuery:
+        return _FullQuery()
+
+
+def test_a_full_counter_is_no_time() -> None:
+    assert GpuTimer(_QueryContext()).seconds() is None  # type: ignore[arg-type]  # stands for a context

@@ -1,0 +1,98 @@
+"""What all methods of a comparison share, and what is written about it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isosample.compare.image_pair import Pixels
+from isosample.compare.wood_grain import NYQUIST
+from isosample.volume.statistics import histogram
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from isosample.compare.contenders import ComparedScene
+    from isosample.rendering.camera import Camera
+
+GRAIN_TILTS = (15.0, 60.0)  # degrees
+
+
+def grain_band_of(camera: Camera, height: int, voxel: float) -> tuple[float, float]:
+    """Frequencies at which steps of one voxel show, cut to what the picture can show [cycles/pixel].
+
+    Parameters
+    ----------
+    camera : Camera
+    height : int
+        Of the picture [pixel].
+    voxel : float
+        Smallest spacing [world].
+
+    Returns
+    -------
+    low, high : float
+        For `wood_grain_energy`: the same band for every method, whatever its step.
+    """
+    rays = camera.rays(1.0)
+    size = 2.0 * float(np.linalg.norm(rays.span_up)) / height
+    if rays.perspective:
+        size *= float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
+    low, high = (math.tan(math.radians(tilt)) * size / voxel for tilt in GRAIN_TILTS)
+    return min(low, NYQUIST / 2.0), min(high, NYQUIST)
+
+
+def backdrop_of(background: Sequence[float]) -> tuple[float, float, float]:
+    """Opaque linear RGB under the displayed pictures: the background over black."""
+    red, green, blue, alpha = background
+    return red * alpha, green * alpha, blue * alpha
+
+
+def describe_scene(scene: ComparedScene) -> dict[str, Any]:
+    """Volume, transfer function and histogram, JSON-ready."""
+    volume = scene.volume
+    counts, edges = histogram(volume)
+    return {
+        "volume": {
+            "name": volume.name,
+            "samples": list(volume.size_xyz),
+            "spacing": list(volume.spacing),
+            "dtype": str(volume.array.dtype),
+            "bytes": int(volume.array.nbytes),
+            "value_range": list(volume.value_range),
+        },
+        "transfer_function": scene.transfer_function.to_dict(),
+        "histogram": {"counts": counts.tolist(), "edges": edges.tolist()},
+    }
+
+
+def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dict[str, Any]:
+    """Everything that changes a picture and is the same for all methods, JSON-ready."""
+    render, raycast = scene.render, scene.raycast
+    return {
+        "size": list(scene.size),
+        "cameras": [camera.to_dict() for camera in cameras],
+        "background": list(render.background),
+        "backdrop": list(backdrop_of(render.background)),
+        "clip_planes": [[plane.nx, plane.ny, plane.nz, plane.d] for plane in render.clip_planes],
+        "stage": render.stage.value,
+        "min_transmittance": render.min_transmittance,
+        "segment": render.segment.value,
+        "reconstruction": raycast.reconstruction.value,
+        "nan_masked": scene.nan_masked,
+        "sampling": raycast.sampling.value,
+        "adaptive": raycast.adaptive,
+        "jitter": raycast.jitter,
+        "quadrature": raycast.quadrature.value,
+        "integration": raycast.integration.value,
+        "peak_weight": raycast.peak_weight.value,
+        "crossings": raycast.crossings.value,
+        "filtering": raycast.filtering.value,
+        "skipping": raycast.skipping,
+        "grain_bands": [
+            list(grain_band_of(camera, scene.size[1], min(scene.volume.spacing))) for camera in cameras
+        ],
+        "pixels_counted": Pixels.ALL.value,
+    }

@@ -1,0 +1,246 @@
+"""What a comparison runs: every method over a sweep of its quality, in turn, against the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting, contender, cost_of
+from isosample.compare.conventions import backdrop_of, describe_conventions, describe_scene, grain_band_of
+from isosample.compare.frames import Timing, time_frames
+from isosample.compare.machine import describe_machine
+from isosample.compare.metrics import Pixels, summarise
+from isosample.compare.results import Entry, Results, View, median_of_told
+from isosample.compare.sweep import Sweep
+from isosample.compare.verdict import TARGETS
+from isosample.errors import InputError
+from isosample.rendering.camera import Camera
+from isosample.rendering.reference_image import render_reference
+from isosample.volume.grid import Volume
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from isosample.compare.contenders import Contender
+    from isosample.rendering.image import Image
+
+    F32 = npt.NDArray[np.float32]
+    Progress = Callable[[str, int, int], None]
+
+DEFAULT_REPEAT = 5
+DEFAULT_BUDGET_BYTES = 4 << 30  # of what is loaded at once
+TOY_SAMPLES = 12  # along an edge of the volume that warms up compilers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment:
+    """A comparison to be run.
+
+    Attributes
+    ----------
+    scene : ComparedScene
+    sweep : Sweep
+    cameras : tuple of Camera
+    repeat : int
+        Timed frames per entry and camera, after one that is not timed.
+    budget_bytes : int
+        Contenders that together hold more are measured one group after the other.
+    targets : tuple of float
+        RMSE of the verdict.
+
+    Raises
+    ------
+    InputError
+        If there is no camera or no frame.
+    """
+
+    scene: ComparedScene
+    cameras: tuple[Camera, ...]
+    sweep: Sweep = field(default_factory=Sweep)
+    repeat: int = DEFAULT_REPEAT
+    budget_bytes: int = DEFAULT_BUDGET_BYTES
+    targets: tuple[float, ...] = TARGETS
+
+    def __post_init__(self) -> None:
+        if not self.cameras:
+            raise InputError("cameras is empty; give at least one camera.")
+        if self.repeat < 1:
+            raise InputError(f"repeat {self.repeat!r} must be a whole number >= 1.")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What an experiment gave.
+
+    Attributes
+    ----------
+    results : Results
+    references : tuple of (H, W, 4) float32
+        By camera; premultiplied linear RGBA.
+    pictures : dict of str to tuple of (H, W, 4) float32
+        By name of the entry, then by camera.
+    """
+
+    results: Results
+    references: tuple[F32, ...]
+    pictures: dict[str, tuple[F32, ...]]
+
+
+def run_experiment(experiment: Experiment, progress: Progress | None = None) -> Outcome:
+    """Render, time and judge every method.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    progress : callable, optional
+        Called with the stage ("reference", "prepare", "frames", "judge"), steps done and steps in all.
+
+    Returns
+    -------
+    outcome : Outcome
+
+    Raises
+    ------
+    InputError, CapacityError, OpenGLError
+        As the renderers and the measures.
+    MissingDependencyError
+        If a measure's package is not installed.
+
+    Notes
+    -----
+    The methods share volume, transfer function, camera, size, background, clip planes and reconstruction. All of
+    them are loaded and have drawn every view once before a frame is timed; then each draws one frame after the other,
+    in an order that rotates from round to round, so that what slows the machine down for a while hits all alike.
+    """
+    report = progress or (lambda _stage, _done, _total: None)
+    truths = list(_references(experiment, report))
+    warm_up(experiment.scene, experiment.sweep)
+    entries: dict[str, Entry] = {}
+    pictures: dict[str, tuple[F32, ...]] = {}
+    by_method = experiment.sweep.settings(experiment.scene.raycast.sampling)
+    count = sum(map(len, by_method))
+    for group in _groups(experiment, by_method, report):
+        timings = time_frames(group, experiment.cameras, experiment.repeat, report)
+        for one, timing in zip(group, timings, strict=True):
+            entry = _entry(one, timing, experiment, [truth.rgba for truth in truths])
+            entries[entry.name] = entry
+            pictures[entry.name] = tuple(image.rgba for image in timing.images)
+            report("judge", len(entries), count)
+    ordered = tuple(entries[setting.name] for settings in by_method for setting in settings)
+    results = Results(
+        scene=describe_scene(experiment.scene),
+        settings=describe_conventions(experiment.scene, experiment.cameras)
+        | {
+            "repeat": experiment.repeat,
+            "methods": list(experiment.sweep.methods),
+            "targets": list(experiment.targets),
+        },
+        machine=describe_machine(),
+        reference={
+            "seconds": [truth.stats["seconds"]["render"] for truth in truths],
+            "cells_visited": [truth.stats["cells_visited"] for truth in truths],
+            "renderer": truths[0].stats["renderer"],
+        },
+        entries=ordered,
+    )
+    return Outcome(results, tuple(truth.rgba for truth in truths), pictures)
+
+
+def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
+    """Let every compiler run once on a small ramp: machine code of the extraction, shaders of every method.
+
+    What drivers and numba keep of it no contender pays for.
+    """
+    low, high = scene.volume.value_range
+    if high <= low:
+        return  # the contenders tell what is wrong with such a volume
+    ramp = np.linspace(low, high, TOY_SAMPLES, dtype=np.float32)
+    toy = ComparedScene(
+        volume=Volume(np.ascontiguousarray(np.broadcast_to(ramp, (TOY_SAMPLES,) * 3))),
+        transfer_function=scene.transfer_function,
+        size=(16, 16),
+        render=scene.render,
+        raycast=scene.raycast,
+    )
+    for settings in sweep.settings(scene.raycast.sampling):
+        for setting in [one for one in settings if one.parameter is not Parameter.TOLERANCE][:1]:
+            one = contender(toy, setting)
+            one.prepare(None)
+            one.load()
+            one.frame(Camera.orbit(toy.volume.box, azimuth=30.0, elevation=20.0))
+            one.release()
+
+
+# -- parts of a run -------------------------------------------------------------------------------
+
+
+def _references(experiment: Experiment, report: Progress) -> Iterator[Image]:
+    """The truth of every camera."""
+    scene, total = experiment.scene, len(experiment.cameras)
+    pixels = scene.size[0] * scene.size[1]
+    for number, camera in enumerate(experiment.cameras):
+        yield render_reference(
+            scene.volume,
+            scene.transfer_function,
+            camera=camera,
+            size=scene.size,
+            settings=scene.render,
+            reconstruction=scene.raycast.reconstruction,
+            nan_masked=scene.nan_masked,
+            progress=lambda _, done, of, before=number: report(  # type: ignore[misc]  # a default, not a parameter
+                "reference", before * pixels + done * pixels // max(of, 1), total * pixels
+            ),
+        )
+
+
+def _groups(
+    experiment: Experiment, by_method: list[list[Setting]], report: Progress
+) -> Iterator[list[Contender]]:
+    """Prepared contenders, as many at a time as fit the budget; each group holds neighbours in quality."""
+    most = max(map(len, by_method))
+    ranked = [settings[rank] for rank in range(most) for settings in by_method if rank < len(settings)]
+    group: list[Contender] = []
+    for number, setting in enumerate(ranked):
+        one = contender(experiment.scene, setting)
+        one.prepare(None)
+        report("prepare", number + 1, len(ranked))
+        if group and one.bytes + sum(other.bytes for other in group) > experiment.budget_bytes:
+            yield group
+            group = []
+        group.append(one)
+    yield group
+
+
+def _entry(one: Contender, timing: Timing, experiment: Experiment, truths: Sequence[F32]) -> Entry:
+    """Judge the pictures of one contender, and sum up its frames."""
+    late = max(timing.first_seconds - float(np.median(timing.wall[0])), 0.0)
+    views = [_view(place, timing, experiment, truths[place]) for place in range(len(experiment.cameras))]
+    return Entry(
+        setting=one.setting,
+        precompute_seconds=one.precompute_seconds,
+        prepare_seconds=timing.prepare_seconds,
+        load_seconds=timing.load_seconds + late,
+        views=tuple(views),
+    )
+
+
+def _view(place: int, timing: Timing, experiment: Experiment, truth: F32) -> View:
+    scene, image = experiment.scene, timing.images[place]
+    errors = summarise(
+        image.rgba,
+        truth,
+        background=backdrop_of(scene.render.background),
+        pixels=Pixels.ALL,
+        grain_band=grain_band_of(experiment.cameras[place], scene.size[1], min(scene.volume.spacing)),
+        with_flip=True,
+    )
+    return View(
+        wall_seconds=tuple(timing.wall[place]),
+        gpu_seconds=tuple(timing.gpu[place]),
+        stage_seconds={stage: median_of_told(spent) or 0.0 for stage, spent in timing.stages[place].items()},
+        errors=errors,
+        cost=cost_of(image.stats, SAMPLE_BYTES * scene.volume.array.size),
+    )
