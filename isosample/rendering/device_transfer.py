@@ -1,4 +1,4 @@
-"""The transfer function on the GPU, as the ray caster reads it: bands and levels, and the tables of its methods."""
+"""The transfer function on the GPU, as the ray caster reads it, and the tables of its methods."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import limits
-from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
@@ -19,13 +19,7 @@ from isosample.rendering.raycast_settings import (
     Quadrature,
     TransferLookup,
 )
-from isosample.rendering.transfer_records import (
-    band_records,
-    band_starts,
-    level_records,
-    shown_peaks,
-    visible_intervals,
-)
+from isosample.rendering.transfer_texture import shown_peaks, transfer_texels, visible_intervals
 from isosample.transfer.peaks import peak_table
 from isosample.transfer.table_sizes import layer_lengths
 from isosample.transfer.value_bands import ValueBands
@@ -39,6 +33,7 @@ if TYPE_CHECKING:
 
     F32 = npt.NDArray[np.float32]
     F64 = npt.NDArray[np.float64]
+    U16 = npt.NDArray[np.uint16]
 
 METHODS = {
     Classification.POST_CLASSIFIED: 0,
@@ -51,11 +46,10 @@ PEAK_MODES = {PeakMode.BOTH: 0, PeakMode.XOR: 1, PeakMode.PEAK_ONLY: 2, PeakMode
 PEAK_WEIGHTS = {PeakWeight.PAPER: 0, PeakWeight.INTEGRAL: 1}
 CROSSINGS = {Crossings.SECANT: 0, Crossings.EXACT: 1}
 LOOKUPS = {TransferLookup.EXACT: 0, TransferLookup.TEXTURE: 1}
-TRANSFER_SIZE = 8192  # entries of the sampled transfer function, as Knoll et al. 2009 have it
 
 
 class DeviceTransfer:
-    """Buffers and textures of one transfer function for one method.
+    """Textures of one transfer function for one method.
 
     Parameters
     ----------
@@ -70,7 +64,7 @@ class DeviceTransfer:
     Raises
     ------
     CapacityError
-        If a table is larger than the driver's storage blocks or textures.
+        If a table is larger than the driver's textures, or than memory it may take.
     """
 
     def __init__(
@@ -83,46 +77,39 @@ class DeviceTransfer:
     ) -> None:
         self._settings, self._base_length = settings, base_length
         self._bands = ValueBands.of(transfer_function, scale.low, scale.inverse_width)
-        self._intervals = visible_intervals(transfer_function)
-        self.not_shown = self._count_hidden(transfer_function)
-        peaks = (
-            shown_peaks(transfer_function, scale) if self._finds_peaks else np.zeros(0, storage_dtype("Peak"))
-        )
-        self._peak_count = len(peaks)
-        records = {
-            "BANDS": band_records(self._bands),
-            "LEVELS": level_records(self._bands, peaks, settings.peak_weight),
-            "BAND_STARTS": band_starts(self._bands.levels, shared_constants()["BAND_START_COUNT"]),
-            "PEAKS": _at_least_one(peaks),
-        }
-        _check_sizes(records, limits(ctx).storage_block_bytes)
-        self._buffers = {name: ctx.buffer(table) for name, table in records.items()}
+        self._intervals = visible_intervals(transfer_function, isosurfaces=self._shows_isosurfaces)
+        hidden = 0 if self._shows_isosurfaces else len(transfer_function.isosurfaces)
+        self.not_shown = {"isosurfaces": hidden} if hidden else {}
+        finds = settings.classification is Classification.PEAK_FINDING
+        self._peaks = shown_peaks(transfer_function, scale) if finds else []
         self._textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}
         try:
-            self._make_textures(ctx, peaks)
-        except CapacityError:
+            for name, texels in self._tables().items():
+                self._textures[name] = new_texture(ctx, texels)
+        except BaseException:
             self.release()
             raise
 
-    def _make_textures(self, ctx: moderngl.Context, peaks: npt.NDArray[np.void]) -> None:
-        """Make the textures that the method reads."""
-        settings, textures = self._settings, self._textures
-        if settings.transfer_lookup is TransferLookup.TEXTURE:
-            row = self._bands.evaluate(np.linspace(0.0, 1.0, TRANSFER_SIZE)).astype(np.float32)
-            textures["TRANSFER"] = new_texture(ctx, row[None])
-        if self._finds_peaks and settings.crossings is Crossings.SECANT:
-            textures["PEAK_TABLE"] = new_texture(ctx, peak_table(peaks["value"], settings.peak_bins))
-        if settings.classification is Classification.PRE_INTEGRATED:
-            table = pre_integrated(self._bands, settings, self._base_length)
-            if table is not None:
-                textures["PRE_INTEGRATION"] = new_texture(ctx, table)
-
     def bind(self) -> None:
         """Bind what the programs with `constants` read."""
-        for name, buffer in self._buffers.items():
-            buffer.bind_to_storage_buffer(shared_constants()[f"BINDING_{name}"])
         for name, texture in self._textures.items():
             texture.use(shared_constants()[f"UNIT_{name}"])
+
+    def _tables(self) -> dict[str, F32 | U16]:
+        """Texels of the textures that the method reads, by the names of their units."""
+        settings, bands = self._settings, self._bands
+        sampled = settings.transfer_lookup is TransferLookup.TEXTURE
+        tables: dict[str, F32 | U16] = {
+            "TRANSFER": transfer_texels(bands, self._peaks, settings.peak_weight, sampled=sampled)
+        }
+        if settings.classification is Classification.PEAK_FINDING and settings.crossings is Crossings.SECANT:
+            values = np.array([peak.value for peak in self._peaks]).astype(np.float32)
+            tables["PEAK_TABLE"] = peak_table(values, settings.peak_bins)
+        if settings.classification is Classification.PRE_INTEGRATED:
+            table = pre_integrated(bands, settings, self._base_length)
+            if table is not None:
+                tables["PRE_INTEGRATION"] = table
+        return tables
 
     def constants(self) -> dict[str, int]:
         """Compile-time constants of the ray caster's entry files that the classification chooses."""
@@ -141,9 +128,8 @@ class DeviceTransfer:
     def fill(self, block: np.void) -> None:
         """Fill in the members of a struct Raycast that tell of the transfer function."""
         block["band_count"] = len(self._bands.ends)
-        block["peak_count"] = self._peak_count
+        block["peak_count"] = len(self._peaks)
         block["root_iterations"] = self._settings.root_iterations
-        block["transfer_size"] = TRANSFER_SIZE
         lengths = table_lengths(self._settings, self._base_length)
         block["table_layers"], block["table_length"] = len(lengths), lengths[0]
         block["table_ratio"] = np.log(lengths[1] / lengths[0]) if len(lengths) > 1 else 0.0
@@ -153,22 +139,12 @@ class DeviceTransfer:
         return self._intervals
 
     def release(self) -> None:
-        """Free every buffer and texture."""
-        for buffer in self._buffers.values():
-            buffer.release()
+        """Free every texture."""
         for texture in self._textures.values():
             texture.release()
-        self._buffers, self._textures = {}, {}
+        self._textures = {}
 
     @property
-    def _finds_peaks(self) -> bool:
-        return self._settings.classification is Classification.PEAK_FINDING
-
-    def _count_hidden(self, transfer_function: TransferFunction) -> dict[str, int]:
-        """What of the transfer function the method cannot show."""
-        hidden = len(transfer_function.isosurfaces)
-        return {"isosurfaces": hidden} if hidden and not self._shows_isosurfaces() else {}
-
     def _shows_isosurfaces(self) -> bool:
         if self._settings.classification is Classification.PEAK_FINDING:
             return self._settings.peak_mode is not PeakMode.DVR_ONLY
@@ -198,9 +174,7 @@ def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: fl
     return tables if settings.integration is Integration.TABLE_3D else tables[0]
 
 
-def new_texture(
-    ctx: moderngl.Context, texels: npt.NDArray[np.float32] | npt.NDArray[np.uint16]
-) -> moderngl.Texture | moderngl.Texture3D:
+def new_texture(ctx: moderngl.Context, texels: F32 | U16) -> moderngl.Texture | moderngl.Texture3D:
     """Texture of four components for `texelFetch`: (y, x, 4), or (z, y, x, 4); float32 or uint16.
 
     Raises
@@ -220,17 +194,3 @@ def new_texture(
     texture = (ctx.texture3d if deep else ctx.texture)(size, 4, np.ascontiguousarray(texels), dtype=kind)
     texture.filter = (ctx.NEAREST, ctx.NEAREST)
     return texture
-
-
-def _at_least_one(records: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-    """The records, or one of zeros: a buffer cannot be empty."""
-    return records if len(records) else np.zeros(1, dtype=records.dtype)
-
-
-def _check_sizes(records: dict[str, npt.NDArray[np.generic]], block_bytes: int) -> None:
-    for name, table in records.items():
-        if table.nbytes > block_bytes:
-            raise CapacityError(
-                f"the ray caster's table of {name.lower()} takes {table.nbytes} bytes; this driver's storage blocks "
-                f"hold {block_bytes}. Use a transfer function of fewer points."
-            )

@@ -2,24 +2,31 @@
 // field. Isosurfaces are composited where the field takes their value, if they are asked for.
 
 void composite_bands(Stretch stretch, bool surfaces) {
-    int band = band_of(stretch.front);
-    int last = band_of(stretch.back);
-    if (band == last && bands[band].extinction_max == 0.0) return;
+    vec4 front_bin = bin_of(stretch.front);
+    vec4 back_bin = bin_of(stretch.back);
+    bool same = front_bin.x == back_bin.y && front_bin.y == back_bin.x;
+    if (same && front_bin.z == 0.0) return;
+    int band = band_in(front_bin, stretch.front);
+    int last = band_in(back_bin, stretch.back);
     bool rising = stretch.back > stretch.front;
     float inverse_rise = stretch.back == stretch.front ? 0.0 : 1.0 / (stretch.back - stretch.front);
     float length = stretch.end - stretch.start;
     float start = stretch.start;
     float front = stretch.front;
     while (true) {
+        vec4 range = band_texel(band, RANGE);
         bool ends = band == last;
-        float back = ends ? stretch.back : rising ? bands[band].value_high : bands[band].value_low;
+        float back = ends ? stretch.back : rising ? range.y : range.x;
         float end = ends ? stretch.end : stretch.start + length * clamp((back - stretch.front) * inverse_rise, 0.0, 1.0);
-        if (bands[band].extinction_max > 0.0) {
-            float way = ends && inverse_rise == 0.0 ? length : length * abs((back - front) * inverse_rise);
-            composite_slab(start, way, end, optics_in(band, front), optics_in(band, back));
+        if (range.z > 0.0) {
+            vec4 low = band_texel(band, OPTICS_LOW);
+            vec4 high = band_texel(band, OPTICS_HIGH);
+            float way = inverse_rise == 0.0 ? length : length * abs((back - front) * inverse_rise);
+            composite_slab(start, way, end, mix(low, high, band_position(range.x, range.w, front)),
+                           mix(low, high, band_position(range.x, range.w, back)));
         }
         if (ends) break;
-        if (surfaces) composite_surface(end, levels[rising ? band : band - 1].impulse);
+        if (surfaces) composite_surface(end, band_texel(rising ? band : band - 1, IMPULSE));
         band += rising ? 1 : -1;
         start = end;
         front = back;

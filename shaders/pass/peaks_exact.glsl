@@ -19,9 +19,7 @@ struct CellPart {
 // Where the walk through the bands is.
 struct BandWalk {
     int band;
-    float low;                            // its ends [normalised]
-    float high;
-    float extinction_max;                 // [1/world]
+    vec4 range;                           // of the band, see pass/transfer.glsl
     bool found;                           // peaks were composited
 };
 
@@ -29,32 +27,29 @@ BandWalk walk;
 
 void enter_band(int band) {
     walk.band = band;
-    walk.low = band == 0 ? -MASKED_VALUE : bands[band].value_low;
-    walk.high = band == raycast.band_count - 1 ? MASKED_VALUE : bands[band].value_high;
-    walk.extinction_max = bands[band].extinction_max;
+    walk.range = band_texel(band, RANGE);
 }
 
 float least(vec4 b) { return min(min(b.x, b.y), min(b.z, b.w)); }
 
 float largest(vec4 b) { return max(max(b.x, b.y), max(b.z, b.w)); }
 
-// Whether nothing is to be seen where values stay between these two.
-bool unseen(float low, float high) {
-#if PEAK_WEIGHT == 1
-    return walk.extinction_max == 0.0 && low >= walk.low && high < walk.high;
-#else
-    return low >= walk.low && high < walk.high;
-#endif
+// Whether values between these two are in the walk's band; beyond the last level everything is.
+bool in_band(float low, float high) {
+    return (low >= walk.range.x || walk.band == 0) && (high < walk.range.y || walk.band == raycast.band_count - 1);
 }
+
+// Whether nothing is to be seen where values stay between these two.
+bool unseen(float low, float high) { return (PEAK_WEIGHT == 0 || walk.range.z == 0.0) && in_band(low, high); }
 
 // The extinction of the walk's band along the part [s0, s1] of a cell, on which the values run from `front` to `back`.
 void composite_curve(CellPart part, float s0, float s1, float front, float back) {
-    Band band = bands[walk.band];
+    vec4 optics_low = band_texel(walk.band, OPTICS_LOW);
+    vec4 optics_high = band_texel(walk.band, OPTICS_HIGH);
     float width = s1 - s0;
     float way = width;
-    vec2 slopes = vec2(cubic_slope(part.cubic, s0), cubic_slope(part.cubic, s1)) * (width * band.inverse_width);
-    vec2 positions = vec2(band_position(band.value_low, band.inverse_width, front),
-                          band_position(band.value_low, band.inverse_width, back));
+    vec2 slopes = vec2(cubic_slope(part.cubic, s0), cubic_slope(part.cubic, s1)) * (width * walk.range.w);
+    vec2 positions = vec2(band_position(walk.range.x, walk.range.w, front), band_position(walk.range.x, walk.range.w, back));
     if (width < NARROW) {
         float steepness = abs(cubic_slope(part.cubic, 0.5 * (s0 + s1)));
         if (abs(back - front) < NARROW * steepness) way = abs(back - front) / steepness;
@@ -62,23 +57,25 @@ void composite_curve(CellPart part, float s0, float s1, float front, float back)
     }
     way *= part.end - part.start;
     if (!(way > 0.0)) return;
-    vec4 moments = cubic_moments(vec2(band.low.a, band.high.a) * way, positions.x, positions.y, slopes, vec2(0.0, 1.0));
-    vec3 emission = band.low.rgb * (moments.x - moments.y) + band.high.rgb * moments.y;
+    vec4 moments = cubic_moments(vec2(optics_low.a, optics_high.a) * way, positions.x, positions.y, slopes, vec2(0.0, 1.0));
+    vec3 emission = optics_low.rgb * (moments.x - moments.y) + optics_high.rgb * moments.y;
 #if SHADING
     vec2 light = light_at(mix(part.start, part.end, s0));
     vec2 change = light_at(mix(part.start, part.end, s1)) - light;
-    emission = emission * light.x + change.x * (band.low.rgb * (moments.z - moments.w) + band.high.rgb * moments.w)
-             + light.y * moments.x + change.y * moments.z;
+    emission = emission * light.x + light.y * moments.x + change.y * moments.z
+             + change.x * (optics_low.rgb * (moments.z - moments.w) + optics_high.rgb * moments.w);
 #endif
     composite(emission, moments.x);
 }
 
-// What a crossing of a level adds.
-void composite_level(float distance, Level level) {
-    if (level.sheet.a == 0.0 && level.impulse.a == 0.0) return;
+// What the level at the upper end of a band adds where it is crossed.
+void composite_level(float distance, int band) {
+    vec4 sheet = band_texel(band, SHEET);
+    vec4 impulse = band_texel(band, IMPULSE);
+    if (sheet.a == 0.0 && impulse.a == 0.0) return;
     walk.found = true;
-    composite_surface(distance, level.sheet);
-    composite_surface(distance, level.impulse);
+    composite_surface(distance, sheet);
+    composite_surface(distance, impulse);
 }
 
 #if PEAK_WEIGHT == 1 && PEAK_MODE == 2
@@ -86,7 +83,7 @@ void composite_level(float distance, Level level) {
 bool has_peak(int last) {
     int high = max(walk.band, last);
     for (int level = min(walk.band, last); level < high; ++level) {
-        if (levels[level].sheet.r > 0.0 || levels[level].impulse.a > 0.0) return true;
+        if (band_texel(level, SHEET).r > 0.0 || band_texel(level, IMPULSE).a > 0.0) return true;
     }
     return false;
 }
@@ -94,8 +91,8 @@ bool has_peak(int last) {
 
 // A monotone piece [s0, s1] of a cell's part: from the walk's band to that of its last value.
 void composite_piece(CellPart part, float s0, float s1, float front, float back) {
-    int last = back >= walk.low && back < walk.high ? walk.band : band_of(back);
-    if (last == walk.band && unseen(front, back)) return;
+    int last = in_band(back, back) ? walk.band : band_of(back);
+    if (last == walk.band && (PEAK_WEIGHT == 0 || walk.range.z == 0.0)) return;
     bool rising = last > walk.band || (last == walk.band && back > front);
 #if PEAK_WEIGHT == 1 && PEAK_MODE == 2
     bool shown = has_peak(last);
@@ -106,17 +103,17 @@ void composite_piece(CellPart part, float s0, float s1, float front, float back)
     while (true) {
         bool ends = walk.band == last;
         int number = rising ? walk.band : walk.band - 1;
-        float level = rising ? walk.high : walk.low;
+        float level = rising ? walk.range.y : walk.range.x;
         float next = s1;
         if (!ends) {
-            bool needed = PEAK_WEIGHT == 1 || levels[number].sheet.a > 0.0 || levels[number].impulse.a > 0.0;
+            bool needed = PEAK_WEIGHT == 1 || band_texel(number, SHEET).a > 0.0 || band_texel(number, IMPULSE).a > 0.0;
             next = needed ? cubic_root(part.cubic, level, s, s1, rising) : s;
         }
 #if PEAK_WEIGHT == 1
-        if (shown && walk.extinction_max > 0.0) composite_curve(part, s, next, front, ends ? back : level);
+        if (shown && walk.range.z > 0.0) composite_curve(part, s, next, front, ends ? back : level);
 #endif
         if (ends) break;
-        composite_level(mix(part.start, part.end, next), levels[number]);
+        composite_level(mix(part.start, part.end, next), number);
         enter_band(rising ? walk.band + 1 : walk.band - 1);
         s = next;
         front = level;

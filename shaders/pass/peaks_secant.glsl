@@ -41,11 +41,10 @@ bool composite_crossings(Stretch stretch) {
     int found = 0;
     for (int i = 0; i < 4 && found < PEAKS; ++i) {
         if (candidates[i] == NO_PEAK) continue;
-        Peak peak = peaks[candidates[i]];
-        if (!crosses(stretch, peak.value)) continue;
+        float value = band_texel(int(candidates[i]), PEAK_PLACE).x;
+        if (!crosses(stretch, value)) continue;
         ++found;
-        float opacity = peak.isosurface != 0u ? peak.color.a : opacity_from_depth(peak.color.a);
-        composite_surface(secant_root(stretch, peak.value), vec4(peak.color.rgb, opacity));
+        composite_surface(secant_root(stretch, value), band_texel(int(candidates[i]), PEAK));
     }
     return found > 0;
 }
@@ -60,14 +59,14 @@ void composite_shares(Stretch stretch) {
     int found = 0;
     for (int i = 0; i < 4 && found < PEAKS; ++i) {
         if (candidates[i] == NO_PEAK) continue;
-        Peak peak = peaks[candidates[i]];
-        if (!crosses(stretch, peak.value)) continue;
+        vec2 peak = band_texel(int(candidates[i]), PEAK_PLACE).xy;
+        if (!crosses(stretch, peak.x)) continue;
         ++found;
-        float place = clamp(secant_root(stretch, peak.value), rest.start, stretch.end);
-        composite_bands(Stretch(rest.start, place, rest.front, peak.value), false);
+        float place = clamp(secant_root(stretch, peak.x), rest.start, stretch.end);
+        composite_bands(Stretch(rest.start, place, rest.front, peak.x), false);
         rest.start = place;
-        rest.front = peak.value;
-        if (peak.isosurface != 0u) composite_surface(place, peak.color);
+        rest.front = peak.x;
+        if (peak.y > 0.0) composite_surface(place, band_texel(int(candidates[i]), PEAK));
         else ++ray.crossings;
     }
     if (PEAK_MODE != 2 || found > 0) composite_bands(rest, false);

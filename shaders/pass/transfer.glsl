@@ -1,35 +1,63 @@
-// The transfer function at a normalised value. Expects `bands`, `band_starts`, `raycast` and the constant TRANSFER.
+// The transfer function, from one texture: its first row has BAND_START_COUNT bins of the values [0, 1] (first and last band of
+// a bin, largest extinction in these); then, with TRANSFER 1, rows of the sampled function; then BANDS_OF_ROW bands a row, of
+// BAND_TEXELS texels each. Texels take software renderers less time than storage buffers.
+// Made by isosample/rendering/transfer_texture.py.
 
-#if TRANSFER
-layout(binding = UNIT_TRANSFER) uniform sampler2D transfer; // one row over the values [0, 1]
-#endif
+layout(binding = UNIT_TRANSFER) uniform sampler2D transfer;
 
-// Band that holds a value; one equal to a level belongs to the band above. Bisects what its bin leaves open.
-int band_of(float value) {
-    int bin = int(clamp(value * float(BAND_START_COUNT), 0.0, float(BAND_START_COUNT - 1)));
-    int low = int(band_starts[bin]);
-    int high = int(band_starts[bin + 1]);
+const int SAMPLED_ROWS = 8;               // of the sampled transfer function: 8192 entries
+const int FIRST_BAND_ROW = TRANSFER == 1 ? 1 + SAMPLED_ROWS : 1;
+const int BAND_TEXELS = 8;
+const int BANDS_OF_ROW = BAND_START_COUNT / BAND_TEXELS;
+const int OPTICS_LOW = 0;                 // straight linear RGB and extinction at the lower end of the band
+const int OPTICS_HIGH = 1;                // and at the upper one
+const int RANGE = 2;                      // values at the two ends, largest extinction, inverse width
+const int IMPULSE = 3;                    // of the level at the upper end: straight linear RGB, opacity of an isosurface
+const int SHEET = 4;                      // the same of a peak
+const int PEAK = 5;                       // of the peak of this number: straight linear RGB, opacity
+const int PEAK_PLACE = 6;                 // its value; 1 for an isosurface
+
+vec4 band_texel(int band, int texel) {
+    int place = band * BAND_TEXELS + texel;
+    return texelFetch(transfer, ivec2(place % BAND_START_COUNT, FIRST_BAND_ROW + place / BAND_START_COUNT), 0);
+}
+
+vec4 bin_of(float value) {
+    return texelFetch(transfer, ivec2(clamp(value * float(BAND_START_COUNT), 0.0, float(BAND_START_COUNT - 1)), 0), 0);
+}
+
+// Band of a bin that holds a value; one equal to a level belongs to the band above.
+int band_in(vec4 bin, float value) {
+    int low = int(bin.x);
+    int high = int(bin.y);
     while (low < high) {
         int middle = (low + high) / 2;
-        bool above = value >= bands[middle].value_high;
+        bool above = value >= band_texel(middle, RANGE).y;
         low = above ? middle + 1 : low;
         high = above ? high : middle;
     }
     return low;
 }
 
-// Straight linear RGB and extinction [1/world] at a value of a band (or at its end).
-vec4 optics_in(int band, float value) {
-    return mix(bands[band].low, bands[band].high, band_position(bands[band].value_low, bands[band].inverse_width, value));
+int band_of(float value) { return band_in(bin_of(value), value); }
+
+// Straight linear RGB and extinction [1/world] at a value of a band (or at its end), whose range is given.
+vec4 optics_in(int band, vec4 range, float value) {
+    return mix(band_texel(band, OPTICS_LOW), band_texel(band, OPTICS_HIGH), band_position(range.x, range.w, value));
 }
 
 // The same at any value.
 vec4 optics_at(float value) {
 #if TRANSFER
-    float entry = clamp(value, 0.0, 1.0) * float(raycast.transfer_size - 1);
-    int below = min(int(entry), raycast.transfer_size - 2);
-    return mix(texelFetch(transfer, ivec2(below, 0), 0), texelFetch(transfer, ivec2(below + 1, 0), 0), entry - float(below));
+    float entry = clamp(value, 0.0, 1.0) * float(SAMPLED_ROWS * BAND_START_COUNT - 1);
+    int below = min(int(entry), SAMPLED_ROWS * BAND_START_COUNT - 2);
+    ivec2 places = ivec2(below, below + 1);
+    ivec2 rows = places / BAND_START_COUNT;
+    places -= rows * BAND_START_COUNT;
+    return mix(texelFetch(transfer, ivec2(places.x, rows.x + 1), 0), texelFetch(transfer, ivec2(places.y, rows.y + 1), 0),
+               entry - float(below));
 #else
-    return optics_in(band_of(value), value);
+    int band = band_of(value);
+    return optics_in(band, band_texel(band, RANGE), value);
 #endif
 }

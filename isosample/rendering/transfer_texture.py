@@ -1,0 +1,116 @@
+"""A transfer function as one texture: what ``shaders/pass/transfer.glsl`` reads."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.rendering.frame import shared_constants
+from isosample.rendering.raycast_settings import PeakWeight
+from isosample.transfer.peaks import find_peaks
+from isosample.transfer.value_bands import HIGHEST, LOWEST
+
+if TYPE_CHECKING:
+    from isosample.rendering.scene import ValueScale
+    from isosample.transfer.peaks import TransferPeak
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.transfer.value_bands import ValueBands
+
+    F32 = npt.NDArray[np.float32]
+    F64 = npt.NDArray[np.float64]
+
+SAMPLED_ROWS = 8  # of the sampled transfer function: 8192 entries, as Knoll et al. 2009 have it
+BAND_TEXELS = 8
+OPTICS_LOW, OPTICS_HIGH, RANGE, IMPULSE, SHEET, PEAK, PEAK_PLACE = range(7)
+LEAST_WIDTH = 1e-30  # of a band that has an inside; the inverse is a float32 number
+
+
+def transfer_texels(
+    bands: ValueBands, peaks: list[TransferPeak], weight: PeakWeight, *, sampled: bool
+) -> F32:
+    """Texels of a transfer function.
+
+    Parameters
+    ----------
+    bands : ValueBands
+    peaks : list of TransferPeak
+        With normalised values (`shown_peaks`).
+    weight : PeakWeight
+        What the sheet of a level is at which the extinction has a peak: with `PAPER` what the paper composites there,
+        the opacity of its extinction over a length of 1; with `INTEGRAL` a mark, red 1 and opacity 0.
+    sampled : bool
+        Whether there are rows of the sampled function.
+
+    Returns
+    -------
+    texels : (rows, BAND_START_COUNT, 4) float32
+        Bins, sampled function, bands; see the shader file.
+    """
+    width = shared_constants()["BAND_START_COUNT"]
+    blocks = [_bins(bands, width)[None]]
+    if sampled:
+        values = np.linspace(0.0, 1.0, SAMPLED_ROWS * width)
+        blocks.append(bands.evaluate(values).reshape(SAMPLED_ROWS, width, 4))
+    records = _records(bands, peaks, weight)
+    rows = -(-len(records) * BAND_TEXELS // width)
+    table = np.zeros((rows * width, 4))
+    table[: records.shape[0] * BAND_TEXELS] = records.reshape(-1, 4)
+    return np.concatenate([*blocks, table.reshape(rows, width, 4)]).astype(np.float32)
+
+
+def _bins(bands: ValueBands, count: int) -> F64:
+    """(count, 4): first and last band of every bin of [0, 1], and the largest extinction in these; 0.
+
+    The outer bins hold all values beyond them.
+    """
+    edges = np.searchsorted(bands.levels, np.arange(count + 1) / count, side="right")
+    edges[0], edges[-1] = 0, len(bands.levels)
+    bins = np.zeros((count, 4))
+    bins[:, 0], bins[:, 1] = edges[:-1], edges[1:]
+    largest = bands.optics[:, :, 3].max(axis=1)
+    bins[:, 2] = [largest[first : last + 1].max() for first, last in itertools.pairwise(edges)]
+    return bins
+
+
+def _records(bands: ValueBands, peaks: list[TransferPeak], weight: PeakWeight) -> F64:
+    """(N, BAND_TEXELS, 4) of N bands or peaks, whichever are more."""
+    count = len(bands.ends)
+    records = np.zeros((max(count, len(peaks)), BAND_TEXELS, 4))
+    width = bands.ends[:, 1] - bands.ends[:, 0]
+    wide = width > LEAST_WIDTH
+    records[:count, OPTICS_LOW], records[:count, OPTICS_HIGH] = bands.optics[:, 0], bands.optics[:, 1]
+    records[:count, RANGE, :2] = bands.ends
+    records[:count, RANGE, 2] = bands.optics[:, :, 3].max(axis=1)
+    records[:count, RANGE, 3] = np.where(wide, 1.0, 0.0) / np.where(wide, width, 1.0)
+    records[: count - 1, IMPULSE] = bands.impulses
+    for number, peak in enumerate(peaks):
+        opacity = peak.strength if peak.isosurface else -np.expm1(-peak.strength)
+        records[number, PEAK] = (*peak.color, opacity)
+        records[number, PEAK_PLACE, :2] = (peak.value, peak.isosurface)
+        if not peak.isosurface:
+            level = int(np.abs(bands.levels - np.float32(peak.value)).argmin())
+            records[level, SHEET] = (1, 0, 0, 0) if weight is PeakWeight.INTEGRAL else (*peak.color, opacity)
+    return records
+
+
+def shown_peaks(transfer_function: TransferFunction, scale: ValueScale) -> list[TransferPeak]:
+    """Peaks that values of the volume can come near to, ascending, with normalised values."""
+    found = []
+    for peak in find_peaks(transfer_function):
+        value, low, high = scale.normalise(np.array([peak.value, peak.low, peak.high])).tolist()
+        if LOWEST < value < HIGHEST:
+            found.append(peak._replace(value=value, low=low, high=high))
+    return found
+
+
+def visible_intervals(transfer_function: TransferFunction, *, isosurfaces: bool) -> F64:
+    """(N, 2) float64, closed intervals of data values with extinction, and isosurfaces as points if they are shown.
+
+    Ascending by their lower ends; neighbouring slopes are one interval each.
+    """
+    slopes = [(slope.low.value, slope.high.value) for slope in transfer_function.slopes() if slope.visible]
+    points = [(surface.value, surface.value) for surface in transfer_function.isosurfaces if isosurfaces]
+    return np.array(sorted([*slopes, *points]), dtype=np.float64).reshape(-1, 2)
