@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 PIXELS = 260
 REFERENCE_TOLERANCE = 1e-6  # far below what 8 bits show
-HALF_WIDTH = 1e-4  # of the near-Dirac peak, as in the paper's figure 3
-WARM_FRAMES = 3  # of which the fastest is told
+HALF_WIDTH, WIDE = 1e-4, 2e-2  # of the near-Dirac peak, as in the paper's figure 3, and of a wider one
 HALVINGS = 10  # of the range of s_k: to 1 %
 ANEURISM, ANEURISM_DISTANCE = (
     (110.0, 106.0, 160.0),
@@ -84,12 +83,10 @@ class PictureScene:
         )
         return cls(volume, tf, camera, truth.rgba.astype(np.float64))
 
-    def picture(self, raycast: RaycastSettings, *, frames: int = 1) -> Image:
-        """The ray caster's picture; of several frames the fastest."""
-        size = (PIXELS, PIXELS)
+    def picture(self, raycast: RaycastSettings) -> Image:
+        """The ray caster's picture."""
         with RayCaster(self.volume, self.transfer_function, raycast=raycast) as caster:
-            images = [caster.render(camera=self.camera, size=size) for _ in range(frames)]
-        return min(images, key=lambda image: image.stats["seconds"]["render"])
+            return caster.render(camera=self.camera, size=(PIXELS, PIXELS))
 
     def error(self, image: Image) -> float:
         """RMSE against the reference."""
@@ -101,9 +98,9 @@ class PictureScene:
         return Panel(title, f"RMSE {self.error(image):.2g}", image.rgba.astype(np.float64))
 
     def costed_panel(self, title: str, image: Image) -> Panel:
-        """A picture with its RMSE, its samples and its seconds."""
-        cost = f"{samples_per_ray(image):.1f} samples per ray, {image.stats['seconds']['render']:.2f} s"
-        return Panel(title, f"RMSE {self.error(image):.2g}, {cost}", image.rgba.astype(np.float64))
+        """A picture with its RMSE and its samples."""
+        figures = f"RMSE {self.error(image):.2g}, {samples_per_ray(image):.1f} samples per ray"
+        return Panel(title, figures, image.rgba.astype(np.float64))
 
     def matching_scale(self, measure: Callable[[Image], float], wanted: float) -> float:
         """The s_k of differential sampling at which a measure has the wanted value, by halving."""
@@ -123,12 +120,15 @@ class PictureScene:
 
 def dirac_panels() -> list[Panel]:
     """A near-Dirac peak in gold and a wide tent in blue, one sample per voxel."""
-    scene = PictureScene.of(_nucleon(), _dirac(opacity=0.5), _whole())
+    scene = PictureScene.of(_nucleon(), _peak(HALF_WIDTH, 0.04, beside=True), _whole())
+    secant = replace(PAPER, peak_weight=PeakWeight.INTEGRAL)
     return [
         scene.panel("post-classified", POST),
-        scene.panel("pre-integrated, 2-D table of 256²", TABLE),
+        scene.panel("pre-integrated, table of 256²", TABLE),
+        scene.panel("the same, steps of 1/8 voxel", replace(TABLE, step=0.125)),
         scene.panel("pre-integrated, exactly", PIECES),
         scene.panel("peak finding as in the paper", PAPER),
+        scene.panel("peak finding, integral", secant),
         scene.panel("peak finding, integral, exact crossings", SHARES),
         scene.reference_panel(),
     ]
@@ -153,7 +153,7 @@ def moire_panels() -> list[Panel]:
 def neighbour_panels() -> list[Panel]:
     """Four isosurfaces within a tenth of the range, two voxels per step."""
     surfaces = [
-        Isosurface(0.45 + 0.03 * place, color, 0.35) for place, color in enumerate((BLUE, TEAL, GOLD, RED))
+        Isosurface(0.45 + 0.03 * place, color, 0.6) for place, color in enumerate((BLUE, TEAL, GOLD, RED))
     ]
     scene = PictureScene.of(_nucleon(), TransferFunction([], surfaces), _whole())
     steps = replace(PAPER, step=2.0)
@@ -188,34 +188,37 @@ def noise_panels() -> list[Panel]:
 
 
 def sampling_panels(*, near: bool) -> list[Panel]:
-    """An aneurism: even steps, and differential ones for as many samples, and for the same error."""
-    volume = open_volume(SCANS / "aneurism.raw.gz", shape=(256, 256, 256), dtype="uint8")
-    rows = [(50.0, RED, 0.0), (70.0, RED, 0.5), (90.0, RED, 0.0)]
-    rows += [(130.0, GOLD, 0.0), (150.0, GOLD, 1.5), (170.0, GOLD, 0.0)]
+    """Tissue of an embryo: even steps, and differential ones for as many samples, and for the same error."""
+    volume = open_volume(SCANS / "embryo.nrrd")
+    rows = [(18.0, BLUE, 0.0), (30.0, TEAL, 0.15), (45.0, GOLD, 0.03), (60.0, RED, 0.3)]
+    rows += [(80.0, WHITE, 0.075), (120.0, WHITE, 0.15)]
     tf = TransferFunction([ControlPoint(*row) for row in rows])
-    camera = Camera.orbit(volume.box, azimuth=30, elevation=20, zoom=1.5, projection=Projection.PERSPECTIVE)
-    if near:
-        eye = np.array(ANEURISM) + ANEURISM_DISTANCE * np.array([-1.0, 1.0, 0.0]) / 2**0.5
-        camera = Camera(
-            projection=Projection.PERSPECTIVE, eye=tuple(eye.tolist()), target=ANEURISM, fov_y_degrees=60.0
-        )
+    middle = (128.0, 129.0, 130.0)
+    camera = Camera(
+        projection=Projection.PERSPECTIVE,
+        eye=(128.0, 128.0, 10.0 if near else -700.0),
+        target=middle,
+        up=(1.0, 0.0, 0.0),
+        fov_y_degrees=60.0 if near else 17.0,
+    )
     scene = PictureScene.of(volume, tf, camera)
-    uniform = scene.picture(POST, frames=WARM_FRAMES)
+    even = replace(POST, step=2.0)
+    uniform = scene.picture(even)
     where = "close up" if near else "from afar"
-    panels = [scene.costed_panel(f"{where}: even steps of 1 voxel", uniform)]
+    panels = [scene.costed_panel(f"{where}: even steps of {even.step:g} voxels", uniform)]
     for same, measure in (("samples", samples_per_ray), ("RMSE", scene.error)):
         scale = scene.matching_scale(measure, measure(uniform))
         raycast = replace(POST, sampling=Sampling.DIFFERENTIAL, pixel_scale=scale)
         title = f"{where}: differential, same {same}: s_k = {scale:.2g}"
-        panels.append(scene.costed_panel(title, scene.picture(raycast, frames=WARM_FRAMES)))
+        panels.append(scene.costed_panel(title, scene.picture(raycast)))
     return [*panels, scene.reference_panel()]
 
 
-def weight_panels() -> list[Panel]:
-    """The peak alone: the opacity of its height, of its share of the integral, and the integral."""
-    scene = PictureScene.of(_nucleon(), _dirac(opacity=0.0), _whole())
+def weight_panels(half_width: float) -> list[Panel]:
+    """A peak alone: the opacity of its height, of its share of the integral, and the integral."""
+    scene = PictureScene.of(_nucleon(), _peak(half_width, 0.02), _whole())
     return [
-        scene.panel("--peak-weight paper", PAPER),
+        scene.panel(f"half width {half_width:g}: --peak-weight paper", PAPER),
         scene.panel("--peak-weight integral", replace(PAPER, peak_weight=PeakWeight.INTEGRAL)),
         scene.reference_panel(),
     ]
@@ -229,8 +232,12 @@ def _whole() -> Camera:
     return Camera.orbit(_nucleon().box, azimuth=31, elevation=23, zoom=1.7)
 
 
-def _dirac(*, opacity: float) -> TransferFunction:
-    """A peak of half width 1e-4 at 0.5, and a wide tent with a multiple of the given extinction."""
-    rows = [(0.5 - HALF_WIDTH, GOLD, 0.0), (0.5, GOLD, 0.04 / HALF_WIDTH), (0.5 + HALF_WIDTH, GOLD, 0.0)]
-    wide = [(0.1, BLUE, 0.0), (0.2, BLUE, 0.2 * opacity), (0.3, BLUE, 0.0)]
-    return TransferFunction([ControlPoint(*row) for row in [*(wide if opacity else []), *rows]])
+def _peak(half_width: float, area: float, *, beside: bool = False) -> TransferFunction:
+    """A peak of a given area at 0.5 [value/world], and, with `beside`, a wide tent."""
+    rows = [
+        (0.5 - half_width, GOLD, 0.0),
+        (0.5, GOLD, area / half_width),
+        (0.5 + half_width, GOLD, 0.0),
+    ]
+    wide = [(0.1, BLUE, 0.0), (0.2, BLUE, 0.1), (0.3, BLUE, 0.0)]
+    return TransferFunction([ControlPoint(*row) for row in [*(wide if beside else []), *rows]])

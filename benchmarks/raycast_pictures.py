@@ -26,7 +26,7 @@ PANEL_INCHES = 3.3
 
 def draw_dirac(path: Path) -> None:
     """Figure 3 of the paper: a near-Dirac peak and a smooth feature."""
-    _draw(path, scenes.dirac_panels(), columns=3)
+    _draw(path, scenes.dirac_panels(), columns=4)
 
 
 def draw_moire(path: Path) -> None:
@@ -51,18 +51,21 @@ def draw_sampling(path: Path) -> None:
 
 def draw_weights(path: Path) -> None:
     """The paper's weights, shares of the integral, and the reference; opacities along the middle row."""
-    panels = scenes.weight_panels()
-    figure, axes = _figure(1, 4)
-    for place, panel in zip(axes[0], panels, strict=False):
-        _show(place, panel)
-    profile = axes[0][3]
-    for panel, style in zip(panels, ("r-", "c-", "k--"), strict=True):
-        profile.plot(panel.rgba[panel.rgba.shape[0] // 2, :, 3], style, label=panel.title, linewidth=1.2)
-    profile.set_title("opacity along the middle row", fontsize=10)
-    profile.set_box_aspect(1.0)
-    profile.set_xlabel("pixel", fontsize=9)
-    profile.legend(fontsize=8)
-    figure.savefig(path, dpi=DPI)
+    figure, axes = _figure(2, 4)
+    for row, half_width in zip(axes, (scenes.HALF_WIDTH, scenes.WIDE), strict=True):
+        panels = scenes.weight_panels(half_width)
+        for place, panel in zip(row, panels, strict=False):
+            _show(place, panel)
+        profile = row[3]
+        for panel, name, style in zip(
+            panels, ("paper", "integral", "reference"), ("r-", "c-", "k--"), strict=True
+        ):
+            profile.plot(panel.rgba[panel.rgba.shape[0] // 2, :, 3], style, label=name, linewidth=1.2)
+        profile.set_title("opacity along the middle row", fontsize=9)
+        profile.set_box_aspect(1.0)
+        profile.tick_params(labelsize=7)
+        profile.legend(fontsize=8, loc="lower center")
+    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.05)
 
 
 PICTURES: dict[str, Callable[[Path], None]] = {
@@ -73,7 +76,7 @@ PICTURES: dict[str, Callable[[Path], None]] = {
     "sampling": draw_sampling,
     "weights": draw_weights,
 }
-OF_SCANS = {"noise": "embryo.nrrd", "sampling": "aneurism.raw.gz"}
+OF_SCANS = {"noise": "embryo.nrrd", "sampling": "embryo.nrrd"}
 
 
 def main(names: list[str]) -> None:
@@ -95,14 +98,14 @@ def _draw(path: Path, panels: list[Panel], *, columns: int) -> None:
         _show(place, panel)
     for place in axes.ravel()[len(panels) :]:
         place.set_axis_off()
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=DPI, bbox_inches="tight", pad_inches=0.05)
 
 
 def _figure(rows: int, columns: int) -> tuple[Any, Any]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    size = (PANEL_INCHES * columns, (PANEL_INCHES + 0.45) * rows)
+    size = (PANEL_INCHES * columns, (PANEL_INCHES + 0.5) * rows + 0.1)
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
