@@ -5,8 +5,8 @@
 // Four samples of a cell with one z stand in a vec4: x runs first, then y.
 // Twin: isosample/integral/cell_cubic.py
 
-const int CUBIC_ROOT_STEPS = 24;         // of bisection at worst, 3 or 4 of Newton's method
-const float CUBIC_ROOT_TOLERANCE = 6e-8; // of [0, 1]
+const int CUBIC_ROOT_STEPS = 24;         // of bisection at worst, 2 or 3 of Newton's method
+const float CUBIC_ROOT_TOLERANCE = 1e-4; // of [0, 1]: the last Newton step; what is left is its square times f'' / 2 f'
 
 // Coefficients for the straight line between two places in a cell, with the samples of its lower and upper z.
 vec4 cubic_between(vec4 low, vec4 high, vec3 start, vec3 end) {
@@ -62,21 +62,27 @@ vec2 cubic_extrema(vec4 b) {
     return vec2(min(first, second), max(first, second));
 }
 
-// Place in [low, high] where a monotone piece takes the value `level`: Newton's method inside a shrinking bracket,
-// bisection where a step would leave it. The caller knows that there is a root.
+// Place in [low, high] where a monotone piece takes the value `level`: Newton's method from the chord, inside a shrinking
+// bracket, with bisection where a step would leave it. The caller knows that there is a root.
 float cubic_root(vec4 b, float level, float low, float high, bool rising) {
-    float s = 0.5 * (low + high);
+    vec3 d = b.yzw - b.xyz;
+    vec2 e = d.yz - d.xy;
+    vec4 powers = vec4(b.x - level, 3.0 * d.x, 3.0 * e.x, e.y - e.x);
+    float front = powers.x + low * (powers.y + low * (powers.z + low * powers.w));
+    float back = powers.x + high * (powers.y + high * (powers.z + high * powers.w));
+    float s = front != back ? clamp(low + (high - low) * front / (front - back), low, high) : low;
     for (int i = 0; i < CUBIC_ROOT_STEPS; ++i) {
-        float residual = cubic_value(b, s) - level;
+        float residual = powers.x + s * (powers.y + s * (powers.z + s * powers.w));
+        float slope = powers.y + s * (2.0 * powers.z + 3.0 * s * powers.w);
         bool below = (residual < 0.0) == rising;
         low = below ? s : low;
         high = below ? high : s;
-        float slope = cubic_slope(b, s);
         float next = slope != 0.0 ? s - residual / slope : -1.0;
-        if (!(next >= low && next <= high)) next = 0.5 * (low + high);
+        bool inside = next >= low && next <= high;
+        if (!inside) next = 0.5 * (low + high);
         float change = abs(next - s);
         s = next;
-        if (change <= CUBIC_ROOT_TOLERANCE) break;
+        if (inside && change <= CUBIC_ROOT_TOLERANCE || change == 0.0) break;
     }
     return s;
 }

@@ -68,16 +68,6 @@ void composite_curve(CellPart part, float s0, float s1, float front, float back)
     composite(emission, moments.x);
 }
 
-// What the level at the upper end of a band adds where it is crossed.
-void composite_level(float distance, int band) {
-    vec4 sheet = band_texel(band, SHEET);
-    vec4 impulse = band_texel(band, IMPULSE);
-    if (sheet.a == 0.0 && impulse.a == 0.0) return;
-    walk.found = true;
-    composite_surface(distance, sheet);
-    composite_surface(distance, impulse);
-}
-
 #if PEAK_WEIGHT == 1 && PEAK_MODE == 2
 // Whether there is a peak between two bands, one of which is the walk's.
 bool has_peak(int last) {
@@ -105,15 +95,21 @@ void composite_piece(CellPart part, float s0, float s1, float front, float back)
         int number = rising ? walk.band : walk.band - 1;
         float level = rising ? walk.range.y : walk.range.x;
         float next = s1;
+        vec4 sheet = vec4(0.0);
+        vec4 impulse = vec4(0.0);
         if (!ends) {
-            bool needed = PEAK_WEIGHT == 1 || band_texel(number, SHEET).a > 0.0 || band_texel(number, IMPULSE).a > 0.0;
+            if (PEAK_WEIGHT == 0) sheet = band_texel(number, SHEET);
+            impulse = band_texel(number, IMPULSE);
+            bool needed = PEAK_WEIGHT == 1 || sheet.a > 0.0 || impulse.a > 0.0;
             next = needed ? cubic_root(part.cubic, level, s, s1, rising) : s;
         }
 #if PEAK_WEIGHT == 1
         if (shown && walk.range.z > 0.0) composite_curve(part, s, next, front, ends ? back : level);
 #endif
         if (ends) break;
-        composite_level(mix(part.start, part.end, next), number);
+        walk.found = walk.found || sheet.a > 0.0 || impulse.a > 0.0;
+        composite_surface(mix(part.start, part.end, next), sheet);
+        composite_surface(mix(part.start, part.end, next), impulse);
         enter_band(rising ? walk.band + 1 : walk.band - 1);
         s = next;
         front = level;
