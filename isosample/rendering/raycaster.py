@@ -33,6 +33,7 @@ from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.macrocells import MacrocellGrid
+from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -134,13 +135,15 @@ class RayCaster:
         self._ctx = shared_context()
         self._geometry = volume.geometry
         self._scale = ValueScale(*volume.value_range)
-        grid = MacrocellGrid.build(volume, self._settings.reconstruction, self._settings.macrocells)
+        reconstruction = self._settings.reconstruction
+        spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
+        grid = MacrocellGrid.build(volume, reconstruction, self._settings.macrocells, spline=spline)
         self.timer = StageTimer(self._ctx)
         self.timer.seconds["prepare"] = time.perf_counter() - started
         self._programs = Programs(self._ctx)
         with self.timer.stage("upload"):
             self._volume = DeviceVolume(
-                self._ctx, volume, self._scale, self._settings.reconstruction, self._settings.filtering
+                self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
             )
             self._transfer = self._device_transfer(transfer_function or TransferFunction.suggest(volume))
             self._macrocells = DeviceMacrocells(

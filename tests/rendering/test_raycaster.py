@@ -288,3 +288,15 @@ def test_light_on_a_plane_is_that_of_its_normal(gl: moderngl.Context) -> None:
 def test_a_picture_beyond_the_driver_is_refused(gl: moderngl.Context, volume: Volume) -> None:
     with pytest.raises(CapacityError, match="larger than this driver"):
         raycast(volume, tents(volume, 0.3), size=(100_000, 4))
+
+
+def test_air_at_the_foot_of_a_ramp_is_leapt_over(gl: moderngl.Context) -> None:
+    samples = np.zeros((33, 33, 33), np.float32)
+    samples[12:20, 12:20, 12:20] = 1.0
+    volume = Volume(samples)
+    found = cast(volume, ramp_tf(0.0, 1.0, (0.0, 0.2)), replace(PRE, macrocells=16))
+    stats = found.stats["macrocells"]
+    assert stats["of"] == 16**3
+    assert stats["occupied"] == 5**3  # macrocells of 2 cells that touch samples 12 to 19: from 11 to 20
+    everything = cast(volume, ramp_tf(0.0, 1.0, (0.1, 0.2)), replace(PRE, macrocells=16))
+    assert everything.stats["macrocells"]["occupied"] == 16**3
