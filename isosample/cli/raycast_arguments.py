@@ -31,13 +31,14 @@ def _add_sampling_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sampling",
         choices=("uniform", "differential"),
-        help="uniform: even steps (default); differential: steps that grow with the pixel's footprint",
+        help="uniform: even steps (default); differential: steps that grow with the distance from the eye",
     )
     group.add_argument(
         "--pixel-scale",
         type=values.step,
         metavar="S",
-        help="differential sampling: length of a step over the footprint of a pixel, s_k of Knoll et al. (default 4)",
+        help="differential sampling: the first step, in pixels of an image plane one voxel in front of the eye; s_k of "
+        "Knoll et al. (default 4)",
     )
     group.add_argument(
         "--adaptive",

@@ -10,6 +10,7 @@ import numpy as np
 
 from isosample.compare.study_scenes import TwoTents
 from isosample.integral.reference import integrate_rays
+from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.settings import ClipPlane, RenderSettings
 from isosample.transfer.control_points import ControlPoint
@@ -44,11 +45,18 @@ class RaycastScene:
 
     transfer_function: TransferFunction
     pixels: int
+    perspective: bool = False
 
     @cached_property
     def volume(self) -> Volume:
         """The samples."""
         return TENTS.sampled(SAMPLES)
+
+    @property
+    def camera(self) -> Camera:
+        """The view of the two tents, or the same in perspective."""
+        kind = Projection.PERSPECTIVE if self.perspective else Projection.ORTHOGRAPHIC
+        return Camera.orbit(TENTS.box, azimuth=31, elevation=23, zoom=TENTS.zoom, projection=kind)
 
     @cached_property
     def settings(self) -> RenderSettings:
@@ -62,24 +70,25 @@ class RaycastScene:
     def truth(self) -> F64:
         """The float64 reference, (N, 4)."""
         planes = [(plane.nx, plane.ny, plane.nz, plane.d) for plane in self.settings.clip_planes]
-        origins, directions = TENTS.rays(self.pixels)
+        rays = self.camera.rays(1.0).origins_and_directions(self.pixels, self.pixels)
+        origins, directions = (part.reshape(-1, 3) for part in rays)
         return integrate_rays(self.volume, self.transfer_function, origins, directions, clip_planes=planes)
 
     def picture(self, raycast: RaycastSettings) -> F64:
         """The ray caster's picture, (N, 4)."""
         with RayCaster(self.volume, self.transfer_function, raycast=raycast) as caster:
-            image = caster.render(
-                camera=TENTS.camera, size=(self.pixels, self.pixels), settings=self.settings
-            )
+            image = caster.render(camera=self.camera, size=(self.pixels, self.pixels), settings=self.settings)
         return image.rgba.reshape(-1, 4).astype(np.float64)
 
 
-def ramp(pixels: int) -> RaycastScene:
+def ramp(pixels: int, *, perspective: bool = False) -> RaycastScene:
     """Extinction and colour linear in the value: nothing but the course of the data is sampled."""
     top = TENTS.scale
     low, high = RAMP_EXTINCTIONS
     return RaycastScene(
-        TransferFunction([ControlPoint(0.0, BLUE, low), ControlPoint(1.05 * top, GOLD, high)]), pixels
+        TransferFunction([ControlPoint(0.0, BLUE, low), ControlPoint(1.05 * top, GOLD, high)]),
+        pixels,
+        perspective,
     )
 
 

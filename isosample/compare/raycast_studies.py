@@ -16,6 +16,7 @@ from isosample.rendering.raycast_settings import (
     PeakWeight,
     Quadrature,
     RaycastSettings,
+    Sampling,
 )
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ PAPER = RaycastSettings(classification=Classification.PEAK_FINDING)
 SHARE = replace(PAPER, peak_weight=PeakWeight.INTEGRAL)
 EXACT = replace(SHARE, crossings=Crossings.EXACT)
 STEPS = np.array([2.0, 4.0, 8.0, 16.0, 32.0])  # per voxel
+PIXEL_SCALES = np.array([4.0, 1.0, 1 / 4, 1 / 16, 1 / 64])  # s_k
 WIDTH = 1e-4  # of the near-Dirac peak, share of the largest value
 EIGHT_BITS = 0.5 / 255.0
 
@@ -44,6 +46,7 @@ def raycast_programs(*, quick: bool) -> dict[str, Callable[[], Study]]:
         "ray caster, post-classified, Riemann": lambda: riemann_study(quick=quick),
         "ray caster, post-classified, trapezoid": lambda: trapezoid_study(quick=quick),
         "ray caster, pre-integrated": lambda: pre_integrated_study(quick=quick),
+        "ray caster, differential": lambda: differential_study(quick=quick),
         "ray caster, limits": lambda: limit_study(quick=quick),
         "ray caster, narrower peaks": lambda: narrow_peak_study(quick=quick),
         "ray caster, shares of a peak": lambda: peak_share_study(quick=quick),
@@ -106,6 +109,24 @@ def limit_study(*, quick: bool) -> Study:
         measure="largest error",
         bounds=np.array([ramp_bound(scene, 1.0 / n) for n in steps]),
         reason="chords are off by derivatives of the interpolant that its samples bound, and float32 by its roundings",
+    )
+
+
+def differential_study(*, quick: bool) -> Study:
+    """Differential sampling in perspective, down to very small s_k."""
+    scene = ramp(24 if quick else 96, perspective=True)
+    scales = PIXEL_SCALES[-3:] if quick else PIXEL_SCALES
+    differential = replace(TRAPEZOID, sampling=Sampling.DIFFERENTIAL)
+    return Study(
+        name="raycast_differential",
+        question="Differential sampling: smaller s_k under a ramp; against the trilinear reference.",
+        parameter="1 / s_k",
+        refinement=1.0 / scales,
+        errors=np.array([_rmse(scene, replace(differential, pixel_scale=s)) for s in scales]),
+        measure="RMSE",
+        expected=(0.85, 1.15),
+        reason="the steps grow evenly from sample to sample: at a distance D they are √(b² + 2 a D), of O(√s_k), and "
+        "chords err by their squares",
     )
 
 
