@@ -76,7 +76,7 @@ def has_vtk() -> bool:
 # -- error against time, beside VTK ---------------------------------------------------------------
 
 
-def against_vtk(*, quick: bool) -> Iterator[str]:
+def against_vtk(*, quick: bool, scenes: Sequence[RaycastScene] | None = None) -> Iterator[str]:
     """Curves of every scene and size, and the times at equal errors."""
     yield "### Error against time, and VTK's GPU volume mapper under the same driver\n"
     if has_vtk():
@@ -88,14 +88,14 @@ def against_vtk(*, quick: bool) -> Iterator[str]:
         )
     rows: list[tuple[str, ...]] = []
     points: list[tuple[str, ...]] = []
-    for scene in [nucleon_tents(), *scans("engine", "vessels (MRA)")]:
+    for scene in scenes or [nucleon_tents(), *scans("engine", "vessels (MRA)")]:
         for size in QUICK_SIZES if quick else SIZES:
             curves = curves_of(scene, size, repetitions=3 if quick else 5)
             rows += equal_error_rows(scene, size, curves)
             points += point_rows(scene, size, curves)
     heads = ["scene", "size", "method"]
     for error in ERRORS:
-        heads += [f"time at {error}", "VTK / ours"]
+        heads += [f"time at {error}", "VTK / ours", "of all cores: VTK / ours"]
     yield table(heads, rows)
     yield table(("scene", "size", "method", "step: RMSE in time (samples per ray)"), points)
 
@@ -149,17 +149,25 @@ def equal_error_rows(
         row = [scene.name, f"{size}²", name]
         for error in ERRORS:
             seconds = curve.seconds_at_error(error)
-            peer = vtk_seconds(curves, error)
             bound = "≤ " if curve.reached_by_coarsest(error) else ""
             row.append("not reached" if seconds is None else f"{bound}{1e3 * seconds:.0f} ms")
-            row.append("–" if seconds is None or peer is None else f"{peer / seconds:.2f}")
+            row.append(_ratio(vtk_least(curves, Curve.seconds_at_error, error), seconds))
+            row.append(
+                _ratio(vtk_least(curves, Curve.processor_at_error, error), curve.processor_at_error(error))
+            )
         yield tuple(row)
 
 
-def vtk_seconds(curves: Mapping[str, Curve], error: float) -> float | None:
-    """The shorter of VTK's times, by samples of either type."""
-    found = [curve.seconds_at_error(error) for name, curve in curves.items() if name.startswith("VTK")]
-    return min((seconds for seconds in found if seconds is not None), default=None)
+def _ratio(peer: float | None, own: float | None) -> str:
+    return "–" if peer is None or own is None else f"{peer / own:.2f}"
+
+
+def vtk_least(
+    curves: Mapping[str, Curve], cost: Callable[[Curve, float], float | None], error: float
+) -> float | None:
+    """What an error costs VTK, by samples of the type with which that is less."""
+    found = [cost(curve, error) for name, curve in curves.items() if name.startswith("VTK")]
+    return min((each for each in found if each is not None), default=None)
 
 
 def point_rows(scene: RaycastScene, size: int, curves: Mapping[str, Curve]) -> Iterator[tuple[str, ...]]:

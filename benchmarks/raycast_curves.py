@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     F32 = npt.NDArray[np.float32]
 
-SLOW_FRAME = 4.0  # [s]; three of these are enough
+SLOW_FRAME, ENOUGH_SLOW_FRAMES = 4.0, 3  # [s]; of slow frames fewer are enough
 
 
 class Frames(Protocol):
@@ -71,9 +71,10 @@ class Point:
     """One step of one method."""
 
     step: float
-    seconds: float
+    seconds: float  # on the wall
     error: float
     largest_error: float
+    processor: float = 0.0  # seconds of all cores
     samples: float = 0.0  # mean samples per ray, as far as the program tells
     root_evaluations: float = 0.0
 
@@ -92,6 +93,10 @@ class Curve:
     def seconds_at_error(self, error: float) -> float | None:
         """Least time with which an error is reached, between the points by straight lines in log-log."""
         return self._at("error", error, "seconds")
+
+    def processor_at_error(self, error: float) -> float | None:
+        """Least time of all cores with which an error is reached."""
+        return self._at("error", error, "processor")
 
     def evaluations_at_error(self, error: float) -> float | None:
         """Field evaluations per ray with which an error is reached."""
@@ -157,7 +162,7 @@ def _in_turn(
 ) -> dict[str, Point]:
     """Draw the frames in turn, after one that warms up and gives the error."""
     found: dict[str, Point] = {}
-    spent: dict[str, list[float]] = {name: [] for name in frames}
+    spent: dict[str, list[tuple[float, float]]] = {name: [] for name in frames}
     for name, each in frames.items():
         difference = each.render().astype(np.float64) - reference
         found[name] = Point(
@@ -167,13 +172,13 @@ def _in_turn(
             found[name].samples, found[name].root_evaluations = each.samples, each.root_evaluations
     for turn in range(repetitions):
         for name, each in frames.items():
-            if turn >= 3 and np.median(spent[name]) > SLOW_FRAME:
+            if turn >= ENOUGH_SLOW_FRAMES and np.median(spent[name], axis=0)[0] > SLOW_FRAME:
                 continue
-            start = time.perf_counter()
+            start, processor = time.perf_counter(), time.process_time()
             each.render()
-            spent[name].append(time.perf_counter() - start)
+            spent[name].append((time.perf_counter() - start, time.process_time() - processor))
     for name, point in found.items():
-        point.seconds = float(np.median(spent[name]))
+        point.seconds, point.processor = np.median(spent[name], axis=0).tolist()
     return found
 
 
