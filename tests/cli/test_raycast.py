@@ -12,6 +12,9 @@ import pytest
 
 import isosample
 from cli.harness import Run, blob, write_json
+from isosample.cli import build_parser
+from isosample.cli.parser import join_negative_values
+from isosample.cli.raycast import raycast_settings_of
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -23,8 +26,7 @@ PEAKS = isosample.Classification.PEAK_FINDING
 
 def by_library(**raycast: Any) -> npt.NDArray[np.float32]:
     """The ray caster's picture of blob.npy with tf.json, made without the command line."""
-    settings = raycast.pop("settings", None)
-    camera = raycast.pop("camera", {})
+    settings, camera = raycast.pop("settings", None), raycast.pop("camera", {})
     volume = isosample.Volume(blob())
     return isosample.raycast(
         volume,
@@ -127,23 +129,32 @@ SAME: dict[str, dict[str, Any]] = {  # options that leave this picture, or nearl
     "peak-finding --peak-bins 64 --peaks 4": {"classification": PEAKS, "peak_bins": 64, "peaks": 4},
     "peak-finding --peak-mode dvr-only": {"classification": PEAKS, "peak_mode": isosample.PeakMode.DVR_ONLY},
 }
+DRAWN = (  # by the command line too: all that is not in RaycastSettings, and one of each method
+    "post-classified --azimuth 30 --projection perspective",
+    "post-classified --background 0.5,0.25,0 --clip -1,0,0,4.25",
+    "pre-integrated --integration 2d",
+    "peak-finding --shading --root-iterations 0",
+)
 
 
 @pytest.mark.parametrize(("options", "expected"), (SETTINGS | SAME).items(), ids=(SETTINGS | SAME).keys())
-def test_an_option_gives_the_bits_of_the_library_with_that_setting(
-    run: Run, options: str, expected: dict[str, Any]
-) -> None:
+def test_an_option_gives_the_library_s_setting(options: str, expected: dict[str, Any]) -> None:
+    words = join_negative_values(f"{RENDER} --method {options}".split())
+    raycast = {name: value for name, value in expected.items() if name not in ("settings", "camera")}
+    args = build_parser().parse_args(words)
+    assert raycast_settings_of(args) == isosample.RaycastSettings(**raycast)
+
+
+@pytest.mark.parametrize("options", DRAWN)
+def test_the_picture_has_the_bits_of_the_library_s(run: Run, options: str) -> None:
     outcome = run(f"{RENDER} --method {options}")
     assert outcome.status == 0, outcome.err
     assert outcome.err == ""
-    np.testing.assert_array_equal(np.load("out.npy"), by_library(**expected))
+    np.testing.assert_array_equal(np.load("out.npy"), by_library(**SETTINGS[options]))
 
 
-def test_every_setting_changes_the_picture(run: Run) -> None:
-    pictures = set()
-    for options in SETTINGS:
-        run(f"{RENDER} --method {options}")
-        pictures.add(np.load("out.npy").tobytes())
+def test_every_setting_changes_the_picture() -> None:
+    pictures = {by_library(**expected).tobytes() for expected in SETTINGS.values()}
     assert len(pictures) == len(SETTINGS)
 
 
