@@ -10,7 +10,7 @@ import traceback
 import warnings
 from typing import TYPE_CHECKING
 
-from isosample.cli import cache, demo, doctor, export, filter, info, precompute, render, verify
+from isosample.cli import cache, compare, demo, doctor, export, filter, info, precompute, render, verify
 from isosample.cli.parser import CommandParser, join_negative_values, parse_arguments
 from isosample.errors import IsosampleError, LostFragmentsError, OpenGLError, ShaderError, UnrepairedError
 
@@ -24,7 +24,7 @@ EXIT_INTERNAL = 70  # EX_SOFTWARE of sysexits.h: a fault of this program, not of
 EXIT_INTERRUPTED = 128 + 2  # as a shell reports SIGINT
 EXIT_BROKEN_PIPE = 128 + 13  # as a shell reports SIGPIPE
 
-COMMANDS = (demo, info, filter, precompute, render, verify, export, cache, doctor)
+COMMANDS = (demo, info, filter, precompute, render, compare, verify, export, cache, doctor)
 
 
 def build_parser() -> CommandParser:

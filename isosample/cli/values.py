@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import math
 import re
+from typing import TYPE_CHECKING, TypeVar
 
 from isosample.defaults import SMALLEST_ERROR
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+Value = TypeVar("Value")
 SIZE = re.compile(r"(\d+)[xX×](\d+)", re.ASCII)
 BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,15})?) ?([KMGT]i?B)", re.ASCII | re.IGNORECASE)
 UNITS = {
@@ -89,6 +94,37 @@ def count(text: str) -> int:
     if number < 0:
         raise argparse.ArgumentTypeError(f"{text!r} must be a whole number >= 0")
     return number
+
+
+def positive_count(text: str) -> int:
+    """Return a whole number >= 1."""
+    number = count(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number >= 1")
+    return number
+
+
+def list_of(value: Callable[[str], Value]) -> Callable[[str], tuple[Value, ...]]:
+    """Return a reader of different values with commas between."""
+
+    def read(text: str) -> tuple[Value, ...]:
+        found = tuple(value(word.strip()) for word in text.split(","))
+        if len(set(found)) < len(found):
+            raise argparse.ArgumentTypeError(f"{text!r} names a value twice")
+        return found
+
+    return read
+
+
+def words(known: Sequence[str]) -> Callable[[str], tuple[str, ...]]:
+    """Return a reader of different words with commas between, each one of `known`."""
+
+    def one(word: str) -> str:
+        if word not in known:
+            raise argparse.ArgumentTypeError(f"{word!r} must be one of {', '.join(known)}")
+        return word
+
+    return list_of(one)
 
 
 def byte_count(text: str) -> int:

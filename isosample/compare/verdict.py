@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     Entry = dict[str, Any]  # of results.json
 
 TARGETS = (0.005, 0.002, 0.001)  # RMSE at which methods are held against each other
+NOUNS = {
+    DATA_CENTRIC: "the data-centric method",
+    "post-classified": "post-classification",
+    "pre-integrated": "pre-integration",
+    "peak-finding": "peak finding",
+}
 LEVEL = 1.05  # times that differ by less are called level: medians of a few frames tell no more
 
 
@@ -177,10 +183,13 @@ def _fastest(races: Sequence[Race]) -> str:
     won = [race for race in races if race.winner is not None]
     if not won:
         return f"No method reaches an RMSE of {races[0].target:g}."
-    parts = [f"{race.winner} at {race.target:g} ({_time_and_lead(race)})" for race in won]
+    parts = [
+        f"by {NOUNS[str(race.winner)]} at {'' if number else 'an RMSE of '}{race.target:g} ({_time_and_lead(race)})"
+        for number, race in enumerate(won)
+    ]
     unreached = [f"{race.target:g}" for race in races if race.winner is None]
     rest = f"; none reaches {listed(unreached)}" if unreached else ""
-    return f"At equal error (RMSE), the fastest frames are those of {listed(parts)}{rest}."
+    return f"The fastest frames are drawn {listed(parts)}{rest}."
 
 
 def _time_and_lead(race: Race) -> str:
@@ -188,7 +197,11 @@ def _time_and_lead(race: Race) -> str:
     names, times = list(race.seconds), list(race.seconds.values())
     if race.lead is None:
         return f"{milliseconds(times[0])}, alone"
-    ahead = f"level with {names[1]}" if race.lead < LEVEL else f"{race.lead:.1f}× ahead of {names[1]}"
+    ahead = (
+        f"level with {NOUNS[names[1]]}"
+        if race.lead < LEVEL
+        else f"{race.lead:.1f}× ahead of {NOUNS[names[1]]}"
+    )
     return f"{milliseconds(times[0])}, {ahead}"
 
 
@@ -215,7 +228,7 @@ def _loss(method: str, entries: Sequence[Entry], races: Sequence[Race]) -> str:
     if any(method not in race.seconds for race in races):
         least = min(entry["summary"]["rmse"] for entry in entries if entry["method"] == method)
         parts.append(f"RMSE {least:.2g} at best")
-    return f"{method} ({'; '.join(parts)})" if parts else ""
+    return f"{NOUNS[method]} ({'; '.join(parts)})" if parts else ""
 
 
 def _paid(entries: Sequence[Entry], races: Sequence[Race], found: BreakEven | None) -> str:
@@ -227,7 +240,7 @@ def _paid(entries: Sequence[Entry], races: Sequence[Race], found: BreakEven | No
     by_name = {entry["name"]: entry for entry in entries}
     own, rival = by_name[found.entry], by_name[found.rival]
     setups = f"{seconds(own['setup_seconds'])} of setup against {seconds(rival['setup_seconds'])}"
-    sides = f"at RMSE {found.target:g} ({own['label']}) against {rival['method']} ({rival['label']})"
+    sides = f"at RMSE {found.target:g} ({own['label']}) against {NOUNS[rival['method']]} ({rival['label']})"
     if found.frames is None:
         return f"The data-centric precomputation never pays {sides}: {setups}, and its frames are no faster."
     if found.frames == 1:

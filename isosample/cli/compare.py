@@ -1,0 +1,330 @@
+"""`isosample compare`: what each method costs on a volume, and how far it is from the truth."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli import arguments, values
+from isosample.cli.cameras import camera_of, orbit
+from isosample.cli.console import progress_bars, say, say_table, seconds
+from isosample.cli.methods import DATA_CENTRIC, RAYCAST_METHODS
+from isosample.cli.outputs import make_folder
+from isosample.cli.parser import add_command
+from isosample.errors import InputError, MissingDependencyError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.cli.parser import Commands
+    from isosample.compare.contenders import ComparedScene
+    from isosample.compare.experiment import Experiment
+    from isosample.compare.sweep import Sweep
+    from isosample.rendering.camera import Camera
+    from isosample.volume.grid import Box
+
+COMPARED = (DATA_CENTRIC, *RAYCAST_METHODS)
+SIZE, QUICK_SIZE = (512, 512), (256, 256)
+REPEAT, QUICK_REPEAT = 5, 3
+MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
+SWEEPS = ("steps", "pixel_scales", "per_slopes", "tolerances")
+EXAMPLE = """\
+isosample compare head.nrrd --tf bone.json -o head_report
+isosample compare head.nrrd --tf bone.json --quick -o head_report
+isosample compare head.nrrd --methods data-centric,pre-integrated --cameras 3 --size 800x800 -o head_report
+isosample compare head.nrrd --steps 1,1/2,1/4 --per-slopes 1,3,9 --tolerances 1/255 --repeat 11 -o head_report"""
+
+
+def add_parser(commands: Commands) -> None:
+    """Add the command and its options."""
+    parser = add_command(
+        commands,
+        "compare",
+        run,
+        summary="Render a volume by several methods, each from coarse to fine, hold time and error against the float64 "
+        "reference, and write a report.",
+        example=EXAMPLE,
+    )
+    parser.add_argument("source", type=Path, metavar="VOLUME", help="volume file or DICOM folder")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for report.html, results.json, results.csv, the plots (SVG) and the pictures (PNG)",
+    )
+    parser.add_argument(
+        "--tf",
+        type=Path,
+        metavar="FILE",
+        help="transfer function, JSON of isosample, 3D Slicer or ParaView (default: one suggested from the histogram)",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="two settings per method, three frames, 256x256 pixels, where nothing else is asked for",
+    )
+    _add_sweep_options(parser)
+    _add_picture_options(parser)
+    arguments.add_reconstruction_option(parser)
+    arguments.add_nan_option(parser)
+    arguments.add_camera_options(parser)
+    arguments.add_volume_options(parser)
+
+
+def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("what is compared", "lists have commas between, from coarse to fine")
+    group.add_argument(
+        "--methods",
+        type=values.words(COMPARED),
+        default=COMPARED,
+        metavar="M,M,…",
+        help=f"of {', '.join(COMPARED)} (default: all)",
+    )
+    group.add_argument(
+        "--repeat",
+        type=values.positive_count,
+        metavar="N",
+        help=f"timed frames per setting and camera (default {REPEAT})",
+    )
+    group.add_argument(
+        "--per-slopes",
+        type=values.list_of(values.count),
+        metavar="K,K,…",
+        help="data-centric: isovalues inside each visible slope (default 1,2,3,5,9,17)",
+    )
+    group.add_argument(
+        "--tolerances",
+        type=values.list_of(values.tolerance),
+        metavar="E,E,…",
+        help="data-centric: errors that isovalues and refinement are searched for (default 1/64,1/255)",
+    )
+    group.add_argument(
+        "--steps",
+        type=values.list_of(values.step),
+        metavar="S,S,…",
+        help="ray casters: distances between samples [voxel] (default 4,2,1,1/2,1/4,1/8)",
+    )
+    group.add_argument(
+        "--sampling",
+        choices=("uniform", "differential"),
+        default="uniform",
+        help="ray casters: even steps (default uniform), or steps that grow with the pixel's footprint",
+    )
+    group.add_argument(
+        "--pixel-scales",
+        type=values.list_of(values.step),
+        metavar="S,S,…",
+        help="ray casters, with --sampling differential: steps over a pixel's footprint, s_k of Knoll et al. "
+        "(default 16,8,4,2,1)",
+    )
+    group.add_argument(
+        "--adaptive", action="store_true", help="ray casters: longer steps where the data vary little"
+    )
+    group.add_argument(
+        "--peak-weight",
+        choices=("integral", "paper"),
+        default="integral",
+        help="peak finding: a peak's share of the integral (default), or the paper's weight, which the step does not "
+        "bring closer to the reference",
+    )
+    group.add_argument(
+        "--crossings",
+        choices=("exact", "secant"),
+        default="exact",
+        help="peak finding: from the cubic of every cell (default exact), or by secant steps, as in the paper",
+    )
+
+
+def _add_picture_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("picture", "the same for all methods")
+    group.add_argument(
+        "--size",
+        type=values.picture_size,
+        metavar="WxH",
+        help="width and height [pixel], 11 or more (default {}x{})".format(*SIZE),
+    )
+    group.add_argument(
+        "--cameras",
+        type=values.positive_count,
+        metavar="N",
+        help="so many views around the volume, from --azimuth on (default 1)",
+    )
+    group.add_argument(
+        "--clip",
+        type=values.clip_plane,
+        action="append",
+        default=[],
+        metavar="NX,NY,NZ,D",
+        help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
+    )
+    group.add_argument(
+        "--background",
+        type=values.background,
+        default=(0.0, 0.0, 0.0, 0.0),
+        metavar="R,G,B[,A]",
+        help="linear colour behind the volume, each part in [0, 1] (default transparent; displayed over black)",
+    )
+    group.add_argument(
+        "--stage",
+        choices=("auto", "fragment", "compute"),
+        default="auto",
+        help="shader stage (default auto: fragment on software renderers)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check, compare, write the report, and say its verdict."""
+    from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
+    from isosample.compare.experiment import run_experiment
+    from isosample.compare.report import write_report
+    from isosample.gl.context import shared_context
+
+    start = time.perf_counter()
+    _check_modules()
+    sweep = sweep_of(args)
+    fixed = _fixed_camera(args)
+    given = load_transfer_function(args.tf)
+    volume = open_source_volume(args, args.source)
+    folder = make_folder(args.output)
+    shared_context()
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
+    args.size = _size_of(args)
+    scene = _scene(args, volume.in_memory(), tf)
+    experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box))
+    with progress_bars() as progress:
+        outcome = run_experiment(experiment, progress)
+    document = write_report(outcome, folder, source=str(args.source), transfer_function=origin)
+    _summarise(document, folder, time.perf_counter() - start)
+    return 0
+
+
+def sweep_of(args: argparse.Namespace) -> Sweep:
+    """Return the settings of every method from the arguments, checked.
+
+    Raises
+    ------
+    InputError
+        If an option is about a method or a sampling that is left out.
+    """
+    from isosample.compare.sweep import QUICK, Sweep
+
+    given = {name: tuple(getattr(args, name)) for name in SWEEPS if getattr(args, name) is not None}
+    fitting = set()
+    if DATA_CENTRIC in args.methods:
+        fitting |= {"per_slopes", "tolerances"}
+    if set(args.methods) - {DATA_CENTRIC}:
+        fitting.add("steps" if args.sampling == "uniform" else "pixel_scales")
+    for name in given:
+        if name not in fitting:
+            raise InputError(
+                f"--{name.replace('_', '-')} has no part in a comparison of {', '.join(args.methods)} with --sampling "
+                f"{args.sampling}; leave it out."
+            )
+    if {"per_slopes", "tolerances"} & set(given):  # one of the two lists alone is the whole sweep
+        given = {"per_slopes": (), "tolerances": ()} | given
+    template: Any = QUICK if args.quick else Sweep()
+    chosen = {name: given.get(name, getattr(template, name)) for name in SWEEPS}
+    return Sweep(methods=tuple(args.methods), **chosen)
+
+
+def _scene(args: argparse.Namespace, volume: Any, transfer_function: Any) -> ComparedScene:
+    from isosample.compare.contenders import ComparedScene
+    from isosample.rendering.raycast_settings import Crossings, PeakWeight, RaycastSettings, Sampling
+    from isosample.rendering.settings import ClipPlane, RenderSettings, ResolveStage
+    from isosample.volume.reconstruction import Reconstruction
+
+    return ComparedScene(
+        volume=volume,
+        transfer_function=transfer_function,
+        size=args.size,
+        render=RenderSettings(
+            background=args.background,
+            clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
+            stage=ResolveStage(args.stage),
+        ),
+        raycast=RaycastSettings(
+            sampling=Sampling(args.sampling),
+            adaptive=args.adaptive,
+            peak_weight=PeakWeight(args.peak_weight),
+            crossings=Crossings(args.crossings),
+            reconstruction=Reconstruction(args.reconstruction or "trilinear"),
+        ),
+        nan_masked=args.nan == "masked",
+    )
+
+
+def _experiment(
+    args: argparse.Namespace, scene: ComparedScene, sweep: Sweep, cameras: list[Camera]
+) -> Experiment:
+    from isosample.compare.experiment import Experiment
+
+    default = QUICK_REPEAT if args.quick else REPEAT
+    return Experiment(scene=scene, cameras=tuple(cameras), sweep=sweep, repeat=args.repeat or default)
+
+
+def _size_of(args: argparse.Namespace) -> tuple[int, int]:
+    from isosample.compare.perceptual import SSIM_RADIUS
+
+    size: tuple[int, int] = args.size or (QUICK_SIZE if args.quick else SIZE)
+    least = 2 * SSIM_RADIUS + 1
+    if min(size) < least:
+        raise InputError(
+            f"--size {size[0]}x{size[1]} is too small to be judged; give {least}x{least} or more."
+        )
+    return size
+
+
+def _fixed_camera(args: argparse.Namespace) -> Camera | None:
+    """The camera of a file, which excludes several."""
+    if args.camera is not None and args.cameras is not None:
+        raise InputError(
+            f"--camera {args.camera} and --cameras {args.cameras} both place the camera; leave out one of them."
+        )
+    return camera_of(args)
+
+
+def _around(args: argparse.Namespace, box: Box) -> list[Camera]:
+    """Views at equal angles, the first one where the orbit options put it."""
+    count = args.cameras or 1
+    first = args.azimuth or 0.0
+    cameras = []
+    for number in range(count):
+        args.azimuth = first + 360.0 * number / count
+        cameras.append(orbit(args, box))
+    return cameras
+
+
+def _check_modules() -> None:
+    """Raise before the long work where a package of the extra `compare` is missing."""
+    import importlib.util
+
+    missing = [package for module, package in MODULES.items() if importlib.util.find_spec(module) is None]
+    if missing:
+        raise MissingDependencyError(
+            f'a comparison needs {" and ".join(missing)}: pip install "isosample[compare]".'
+        )
+
+
+def _summarise(document: dict[str, Any], folder: Path, duration: float) -> None:
+    """Say the verdict, the figures behind it, and where the report is."""
+    for sentence in document["verdict"]["sentences"]:
+        say(sentence)
+    say()
+    rows = [
+        [
+            entry["method"],
+            entry["label"],
+            f"{entry['setup_seconds']:.3f}",
+            f"{1e3 * entry['summary']['frame_seconds']:.1f}",
+            f"{entry['summary']['rmse']:.2e}",
+            f"{entry['summary']['evaluations_per_ray']:.1f}",
+        ]
+        for entry in document["entries"]
+    ]
+    columns = ("method", "setting", "setup [s]", "frame [ms]", "RMSE", "per ray")
+    say_table(columns, rows, numeric=(2, 3, 4, 5))
+    say()
+    say(f"{folder / 'report.html'} ({seconds(duration)})")

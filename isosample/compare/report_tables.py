@@ -1,0 +1,250 @@
+"""Tables and facts of a report, as text."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    Document = dict[str, Any]
+    Cell = Callable[[Document], str]
+
+ABSENT = "–"
+WHOLES = {"brick_visits_of": ("brick_visits",), "chunks_of": ("chunks_outside_view", "chunks_clipped")}
+UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under headings.
+
+    Attributes
+    ----------
+    name, caption : str
+    columns : tuple of (heading, what it means)
+    rows : tuple of (method, setting, cells)
+    """
+
+    name: str
+    caption: str
+    columns: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[str, str, tuple[str, ...]], ...]
+
+
+def tables(document: Document) -> list[Table]:
+    """The tables of a report, from the content of results.json."""
+    entries = document["entries"]
+    return [
+        _races(document),
+        _table(
+            "Time", "Setup is paid once, frames again and again; medians over the frames.", _TIMES, entries
+        ),
+        _table("Error", "Against the float64 reference, over all cameras.", _ERRORS, entries),
+        _table("Cost", "Of one frame, over all cameras.", _COSTS, entries),
+        _skipped(entries),
+    ]
+
+
+def facts(document: Document) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Groups of names and values: volume, settings, machine."""
+    settings, machine = document["settings"], document["machine"]
+    return [
+        ("Volume", _volume_facts(document["scene"])),
+        ("Settings, the same for all methods", _setting_facts(settings)),
+        ("Machine", _machine_facts(machine, document["reference"])),
+    ]
+
+
+def _races(document: Document) -> Table:
+    """The fastest setting of every method at every error."""
+    races = document["verdict"]["races"]
+    labels = {entry["name"]: entry["label"] for entry in document["entries"]}
+    rows = []
+    for method in document["settings"]["methods"]:
+        cells = tuple(
+            f"{_milliseconds(race['seconds'][method])} · {labels[race['fastest'][method]]}"
+            if method in race["seconds"]
+            else ABSENT
+            for race in races
+        )
+        rows.append((method, "", cells))
+    columns = tuple((f"RMSE ≤ {race['target']:g}", "fastest setting that errs no more") for race in races)
+    return Table(
+        "Equal error", "Time of a frame [ms] and the setting that reaches the error.", columns, tuple(rows)
+    )
+
+
+def _table(
+    name: str, caption: str, columns: Sequence[tuple[str, str, Cell]], entries: Sequence[Document]
+) -> Table:
+    rows = tuple(
+        (entry["method"], entry["label"], tuple(cell(entry) for _, _, cell in columns)) for entry in entries
+    )
+    return Table(name, caption, tuple((heading, meaning) for heading, meaning, _ in columns), rows)
+
+
+def _skipped(entries: Sequence[Document]) -> Table:
+    """What was not needed, by reason; of all cameras together."""
+    found = [_sums_of(entry) for entry in entries]
+    reasons = list(dict.fromkeys(reason for sums in found for reason in sums))
+    kept = [reason for reason in reasons if reason not in WHOLES and any(sums.get(reason) for sums in found)]
+    rows = tuple(
+        (entry["method"], entry["label"], tuple(_share_of_whole(sums, reason) for reason in kept))
+        for entry, sums in zip(entries, found, strict=True)
+    )
+    columns = tuple((reason.replace("_", " "), "count") for reason in kept)
+    caption = "What was left out because the picture does not need it, or because the method cannot show it."
+    return Table("Skipped", caption, columns, rows)
+
+
+def _sums_of(entry: Document) -> dict[str, float]:
+    """Counts of what was skipped and not shown, over all cameras."""
+    sums: dict[str, float] = {}
+    for view in entry["views"]:
+        for reason, count in (view["cost"]["skipped"] | view["cost"]["not_shown"]).items():
+            sums[reason] = sums.get(reason, 0) + count
+    return sums
+
+
+def _share_of_whole(sums: dict[str, float], reason: str) -> str:
+    """A count, with what it is a part of where that is known."""
+    whole = next((name for name, parts in WHOLES.items() if reason in parts and name in sums), None)
+    of = "" if whole is None or reason not in sums else f" of {_count(sums[whole])}"
+    return _count(sums.get(reason)) + of
+
+
+def _volume_facts(scene: Document) -> list[tuple[str, str]]:
+    volume, transfer_function = scene["volume"], scene["transfer_function"]
+    sources = {"read from": scene["source"], "TF from": scene["transfer_function_source"]}
+    low, high = volume["value_range"]
+    return [
+        ("name", volume["name"]),
+        ("samples", " × ".join(map(str, volume["samples"]))),
+        ("spacing", " × ".join(f"{step:.4g}" for step in volume["spacing"])),
+        ("type", f"{volume['dtype']}, {byte_size(volume['bytes'])}"),
+        ("values", f"{low:g} to {high:g}"),
+        (
+            "transfer function",
+            f"{len(transfer_function['points'])} points, {len(transfer_function.get('isosurfaces', []))} isosurfaces",
+        ),
+        *((name, words) for name, words in sources.items() if words),
+    ]
+
+
+def _setting_facts(settings: Document) -> list[tuple[str, str]]:
+    width, height = settings["size"]
+    cameras = [
+        f"{camera['projection']}, eye {_vector(camera['eye'])}, target {_vector(camera['target'])}"
+        for camera in settings["cameras"]
+    ]
+    planes = "; ".join(_vector(plane) for plane in settings["clip_planes"]) or "none"
+    sampling = settings["sampling"] + (", adaptive" if settings["adaptive"] else "")
+    bands = "; ".join(f"{low:.3g} to {high:.3g}" for low, high in settings["grain_bands"])
+    return [
+        ("picture", f"{width} × {height} pixels"),
+        *((f"camera {number}", words) for number, words in enumerate(cameras, start=1)),
+        (
+            "timed frames",
+            f"{settings['repeat']} per setting and camera, in turn, after one that is not timed",
+        ),
+        ("background", _vector(settings["background"])),
+        ("clip planes", planes),
+        ("reconstruction", settings["reconstruction"]),
+        ("least transmittance", f"{settings['min_transmittance']:.2g}"),
+        (
+            "ray casters",
+            f"{sampling} sampling, {settings['quadrature']} quadrature, {settings['integration']} tables",
+        ),
+        ("peak finding", f"weights: {settings['peak_weight']}; crossings: {settings['crossings']}"),
+        ("data-centric", f"{settings['segment']} segments"),
+        ("wood grain", f"{bands} cycles per pixel: steps of one voxel at tilts of 15° to 60°"),
+    ]
+
+
+def _machine_facts(machine: Document, reference: Document) -> list[tuple[str, str]]:
+    driver = machine["driver"]
+    return [
+        ("date", machine["date"]),
+        ("processor", f"{machine['processor']}, {machine['cores']} cores"),
+        ("driver", f"{driver['renderer']}, OpenGL {driver['version']}"),
+        ("isosample", machine["isosample"]),
+        ("Python", f"{machine['python']} on {machine['platform']}"),
+        ("packages", ", ".join(f"{name} {version}" for name, version in machine["packages"].items())),
+        ("reference", f"{reference['renderer']}, {sum(reference['seconds']):.3g} s"),
+    ]
+
+
+# -- cells ----------------------------------------------------------------------------------------
+
+
+def byte_size(size: float | None) -> str:
+    """Bytes in the largest unit that leaves at least 1."""
+    if size is None:
+        return ABSENT
+    place = min(int(math.log(max(size, 1), 1024)), len(UNITS) - 1)
+    return f"{size / 1024**place:.3g} {UNITS[place]}"
+
+
+def _count(number: float | None) -> str:
+    return ABSENT if number is None else f"{round(number):,}".replace(",", " ")
+
+
+def _vector(numbers: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{number:.4g}" for number in numbers) + ")"
+
+
+def _milliseconds(duration: float | None) -> str:
+    if duration is None:
+        return ABSENT
+    digits = 2 if duration < 0.01 else 1 if duration < 0.1 else 0
+    return f"{1e3 * duration:.{digits}f}"
+
+
+def _seconds(name: str) -> Cell:
+    return lambda entry: f"{entry[name]:.3f}" if entry[name] else "0"
+
+
+def _number(name: str, pattern: str) -> Cell:
+    """A cell of the summary; errors in scientific notation."""
+
+    def cell(entry: Document) -> str:
+        value = entry["summary"][name]
+        return ABSENT if value is None else format(value, pattern)
+
+    return cell
+
+
+def _whole(name: str) -> Cell:
+    return lambda entry: _count(entry["summary"][name])
+
+
+_TIMES: tuple[tuple[str, str, Cell], ...] = (
+    ("precompute [s]", "plan and extraction, once per volume and TF", _seconds("precompute_seconds")),
+    ("prepare [s]", "macrocells, or merging of meshes, once per scene", _seconds("prepare_seconds")),
+    ("load [s]", "upload, programs, and what the first frame takes longer", _seconds("load_seconds")),
+    ("frame [ms]", "wall clock, read back included", lambda e: _milliseconds(e["summary"]["frame_seconds"])),
+    ("GPU [ms]", "timer query", lambda e: _milliseconds(e["summary"]["gpu_seconds"])),
+)
+_ERRORS: tuple[tuple[str, str, Cell], ...] = (
+    ("RMSE", "of all components", _number("rmse", ".2e")),
+    ("99.9 %", "all pixels but a thousandth err less", _number("percentile_error", ".2e")),
+    ("largest", "of a component", _number("max_error", ".2e")),
+    ("PSNR [dB]", "against 1", _number("psnr", ".1f")),
+    ("SSIM", "as displayed", _number("ssim", ".5f")),
+    ("ΔE2000", "mean, as displayed", _number("delta_e_2000", ".4f")),
+    ("FLIP", "mean, as displayed", _number("flip", ".5f")),
+    ("tangent step", "largest jump between neighbours beyond the truth's", _number("tangent_step", ".2e")),
+    ("wood grain", "RMS error at the frequencies of one-voxel steps", _number("wood_grain", ".2e")),
+)
+_COSTS: tuple[tuple[str, str, Cell], ...] = (
+    ("per ray", "samples and root evaluations, or fragments", _number("evaluations_per_ray", ".1f")),
+    ("most", "of one ray", _whole("most_samples")),
+    ("isovalues", "chosen", _whole("isovalues")),
+    ("triangles", "extracted", _whole("triangles_extracted")),
+    ("drawn", "triangles", _whole("triangles_drawn")),
+    ("fragments", "in the lists", _whole("fragments")),
+    ("on the GPU", "volume, or meshes and lists", lambda e: byte_size(e["summary"]["bytes"])),
+)
