@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from numpy.polynomial.polynomial import polyval
 
 from isosample.gl.program import compile_compute
 from isosample.gl.shader_source import assemble_shader
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64
 
 GROUP_SIZE = 32
-PANELS = 64  # of 8 nodes between two crossings
+PANELS, NODES = 12, 8  # between two crossings
 UNIT_SCALE = ValueScale(0.0, 1.0)
 CUBICS_BINDING, RESULTS_BINDING = 12, 13
 
@@ -33,12 +34,10 @@ CUBICS_BINDING, RESULTS_BINDING = 12, 13
 ENTRY = """
 layout(local_size_x = {group}) in;
 layout(std140, binding = BINDING_RAYCAST) uniform RaycastBlock {{ Raycast raycast; }};
-layout(std430, binding = BINDING_BANDS) readonly buffer Bands {{ Band bands[]; }};
-layout(std430, binding = BINDING_LEVELS) readonly buffer Levels {{ Level levels[]; }};
-layout(std430, binding = BINDING_BAND_STARTS) readonly buffer BandStarts {{ uint band_starts[]; }};
-layout(std430, binding = BINDING_PEAKS) readonly buffer Peaks {{ Peak peaks[]; }};
 layout(std430, binding = {cubics}) readonly buffer Cubics {{ vec4 cubics[]; }};
 layout(std430, binding = {results}) writeonly buffer Results {{ vec4 results[]; }};
+uniform int steps;
+uniform float length_world;
 struct Ray {{
     float start; vec3 index_start; vec3 index_direction; vec3 radiance; float transmittance; uint roots; uint crossings;
 }};
@@ -63,8 +62,8 @@ void main() {{
     ray = Ray(0.0, vec3(0.0), vec3(1.0, 0.0, 0.0), vec3(0.0), 1.0, 0u, 0u);
     float start = 0.0;
     float front = field(ray_at(start));
-    for (int step = 1; step <= {steps}; ++step) {{
-        float end = {length!r} * float(step) / {steps}.0;
+    for (int step = 1; step <= steps; ++step) {{
+        float end = length_world * float(step) / float(steps);
         float back = field(ray_at(end));
         composite_stretch(Stretch(start, end, front, back));
         start = end;
@@ -74,50 +73,84 @@ void main() {{
     results[2u * number + 1u] = vec4(float(ray.roots), float(ray.crossings), 0.0, 0.0);
 }}
 """
-LIBRARY = ("layouts", "ray", "optics", "bands", "shading")
+LIBRARY = ("layouts", "optics", "bands")
 
 
-def cast(
-    gl: moderngl.Context,
-    transfer_function: TransferFunction,
-    settings: RaycastSettings,
-    cubics: npt.ArrayLike,
-    steps: int,
-    length: float = 1.0,
-    table_length: float | None = None,
-) -> tuple[F64, F64]:
-    """Radiance and opacity (n, 4) of rays of the given length, and their root evaluations and crossings (n, 2).
+class Caster:
+    """Programs for rays, one per set of constants.
 
-    `cubics` (n, 4) holds the coefficients of the field, in powers of the distance.
+    Parameters
+    ----------
+    gl : moderngl.Context
     """
-    coefficients = np.ascontiguousarray(cubics, dtype=np.float32).reshape(-1, 4)
-    base = length / steps if table_length is None else table_length
-    transfer = DeviceTransfer(gl, transfer_function, UNIT_SCALE, settings, base)
-    constants = transfer.constants() | {"SHADING": 0, "RECONSTRUCTION": 1}
-    declared = "".join(f'#ifndef {name}\n#error "needed"\n#endif\n' for name in constants)
-    included = "".join(f'#include "lib/{name}.glsl"\n' for name in LIBRARY)
-    entry = ENTRY.format(
-        group=GROUP_SIZE, cubics=CUBICS_BINDING, results=RESULTS_BINDING, steps=steps, length=length
-    )
-    source = assemble_shader(f"#version 450 core\n{declared}{included}{entry}", "stretches.comp", constants)
-    program = compile_compute(gl, source, "stretches.comp")
-    block = np.zeros(1, dtype=uniform_dtype("Raycast"))
-    block[0]["samples"] = (1 << 16, 2, 2, 0)
-    transfer.fill(block[0])
-    frame, given = gl.buffer(block), gl.buffer(coefficients)
-    results = gl.buffer(reserve=32 * len(coefficients))
-    try:
-        frame.bind_to_uniform_block(shared_constants()["BINDING_RAYCAST"])
-        given.bind_to_storage_buffer(CUBICS_BINDING)
-        results.bind_to_storage_buffer(RESULTS_BINDING)
-        transfer.bind()
-        program.run(-(-len(coefficients) // GROUP_SIZE))
-        gl.finish()
-        rows = np.frombuffer(results.read(), np.float32).reshape(-1, 8).astype(np.float64)
-    finally:
-        for part in (frame, given, results, program, transfer):
-            part.release()
-    return rows[:, :4], rows[:, 4:6]
+
+    def __init__(self, gl: moderngl.Context) -> None:
+        self._gl = gl
+        self._programs: dict[tuple[tuple[str, int], ...], moderngl.ComputeShader] = {}
+
+    def release(self) -> None:
+        """Free the programs."""
+        for program in self._programs.values():
+            program.release()
+        self._programs = {}
+
+    def cast(
+        self,
+        transfer_function: TransferFunction,
+        settings: RaycastSettings,
+        cubics: npt.ArrayLike,
+        steps: int,
+        length: float = 1.0,
+        table_length: float | None = None,
+    ) -> tuple[F64, F64]:
+        """Radiance and opacity (n, 4) of rays of the given length, and their root evaluations and crossings (n, 2).
+
+        `cubics` (n, 4) holds the coefficients of the field, in powers of the distance.
+        """
+        base = length / steps if table_length is None else table_length
+        transfer = DeviceTransfer(self._gl, transfer_function, UNIT_SCALE, settings, base)
+        try:
+            program = self._program(transfer.constants())
+            for name, value in (("steps", steps), ("length_world", length)):
+                program[name] = value
+            return self._run(program, transfer, cubics)
+        finally:
+            transfer.release()
+
+    def _program(self, constants: dict[str, int]) -> moderngl.ComputeShader:
+        key = tuple(sorted(constants.items()))
+        if key not in self._programs:
+            values = constants | {"SHADING": 0, "RECONSTRUCTION": 1}
+            declared = "".join(f'#ifndef {name}\n#error "needed"\n#endif\n' for name in values)
+            included = "".join(f'#include "lib/{name}.glsl"\n' for name in LIBRARY)
+            entry = ENTRY.format(group=GROUP_SIZE, cubics=CUBICS_BINDING, results=RESULTS_BINDING)
+            source = assemble_shader(
+                f"#version 450 core\n{declared}{included}{entry}", "stretches.comp", values
+            )
+            self._programs[key] = compile_compute(self._gl, source, "stretches.comp")
+        return self._programs[key]
+
+    def _run(
+        self, program: moderngl.ComputeShader, transfer: DeviceTransfer, cubics: npt.ArrayLike
+    ) -> tuple[F64, F64]:
+        coefficients = np.ascontiguousarray(cubics, dtype=np.float32).reshape(-1, 4)
+        block = np.zeros(1, dtype=uniform_dtype("Raycast"))
+        block[0]["samples"] = (1 << 16, 2, 2, 0)
+        transfer.fill(block[0])
+        frame, given = self._gl.buffer(block), self._gl.buffer(coefficients)
+        results = self._gl.buffer(reserve=32 * len(coefficients))
+        try:
+            frame.bind_to_uniform_block(shared_constants()["BINDING_RAYCAST"])
+            given.bind_to_storage_buffer(CUBICS_BINDING)
+            results.bind_to_storage_buffer(RESULTS_BINDING)
+            transfer.bind()
+            program.run(-(-len(coefficients) // GROUP_SIZE))
+            self._gl.finish()
+            rows = np.frombuffer(results.read(), np.float32).reshape(-1, 8).astype(np.float64)
+        finally:
+            for part in (frame, given, results):
+                part.release()
+        return rows[:, :4], rows[:, 4:6]
 
 
 def integrated(transfer_function: TransferFunction, cubic: Sequence[float], length: float = 1.0) -> F64:
@@ -141,25 +174,20 @@ def integrated(transfer_function: TransferFunction, cubic: Sequence[float], leng
 
 def roots(cubic: F64, value: float, length: float) -> list[float]:
     """Places in (0, length) where the cubic takes a value and goes through it."""
-    polynomial = np.polynomial.Polynomial(np.trim_zeros(cubic - np.array([value, 0, 0, 0]), "b"))
-    if polynomial.degree() < 1:
-        return []
-    places = sorted(float(root.real) for root in polynomial.roots() if abs(root.imag) < 1e-9)
+    found = np.roots(np.trim_zeros((cubic - np.array([value, 0, 0, 0]))[::-1], "f"))
+    places = sorted(float(root.real) for root in found if abs(root.imag) < 1e-9)
     return [place for place in places if 0.0 < place < length]
 
 
 def _part(transfer_function: TransferFunction, cubic: F64, start: float, end: float) -> tuple[F64, float]:
     """Radiance and opacity between two crossings; the depth before a node by its own quadrature."""
     edges = np.linspace(start, end, PANELS + 1)
-    places, weights = panel_nodes(edges, 8)
-    depth_before = np.zeros(PANELS + 1)
-    color, extinction = transfer_function.evaluate(np.polynomial.polynomial.polyval(places, cubic))
-    depth_before[1:] = np.cumsum((weights * extinction).reshape(PANELS, 8).sum(axis=1))
-    before = np.empty_like(places)
-    for i in range(PANELS):
-        for j in range(8 * i, 8 * i + 8):
-            inner, inner_weights = panel_nodes([edges[i], places[j]], 8)
-            _, inner_extinction = transfer_function.evaluate(np.polynomial.polynomial.polyval(inner, cubic))
-            before[j] = depth_before[i] + inner_weights @ inner_extinction
+    places, weights = panel_nodes(edges, NODES)
+    color, extinction = transfer_function.evaluate(polyval(places, cubic))
+    depths = (weights * extinction).reshape(PANELS, NODES).sum(axis=1)
+    depth_before = np.concatenate([[0.0], np.cumsum(depths)])
+    inner, inner_weights = panel_nodes(np.stack([np.repeat(edges[:-1], NODES), places], axis=-1), NODES)
+    _, inner_extinction = transfer_function.evaluate(polyval(inner, cubic))
+    before = np.repeat(depth_before[:-1], NODES) + (inner_weights * inner_extinction).sum(axis=-1)
     light = (weights * extinction * np.exp(-before)) @ color
     return light, float(-np.expm1(-depth_before[-1]))

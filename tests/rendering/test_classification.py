@@ -1,0 +1,297 @@
+"""Every classification of a ray along which the field is known, against quadrature in float64.
+
+The limits of float32: what a ray composites is a sum of at most a few hundred products, 1e-6; a narrow peak's place
+and slope are known to 2^-24 of a cell, see `NARROW_ERROR`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from isosample.rendering.raycast_settings import (
+    Classification,
+    Crossings,
+    Integration,
+    PeakMode,
+    PeakWeight,
+    Quadrature,
+    RaycastSettings,
+    TransferLookup,
+)
+from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
+from rendering.stretches import Caster, integrated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    import moderngl
+
+    from isosample.volume.grid import F64
+
+RED, GREEN, BLUE, WHITE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 1.0)
+ROUNDING = 2e-6
+WIDTH = 1e-4
+NARROW_ERROR = 2.0 * 2.0**-24 / WIDTH  # of a narrow peak: its width of values is known to two roundings
+
+SMOOTH = TransferFunction(
+    [
+        ControlPoint(0.1, RED, 0.0),
+        ControlPoint(0.4, GREEN, 5.0),
+        ControlPoint(0.8, BLUE, 0.5),
+        ControlPoint(1.0, RED, 2.0),
+    ]
+)
+STEPS = TransferFunction(
+    [
+        ControlPoint(0.1, RED, 0.0),
+        ControlPoint(0.3, (1.0, 0.5, 0.0), 5.0),
+        ControlPoint(0.5, GREEN, 1.0),
+        ControlPoint(0.5, BLUE, 4.0),
+        ControlPoint(0.8, WHITE, 0.0),
+    ],
+    [Isosurface(0.4, WHITE, 0.3), Isosurface(0.9, (1.0, 1.0, 0.0), 0.8)],
+)
+DIRAC = TransferFunction(
+    [
+        ControlPoint(0.5 - WIDTH / 2, BLUE, 0.0),
+        ControlPoint(0.5, BLUE, 2.0 / WIDTH),
+        ControlPoint(0.5 + WIDTH / 2, BLUE, 0.0),
+    ]
+)
+MANY = TransferFunction(
+    [], [Isosurface(v, (1.0 - v, v, 0.5), 0.05) for v in np.linspace(0.005, 0.995, 128).tolist()]
+)
+LINES = [(0.0, 1.0, 0.0, 0.0), (1.0, -1.0, 0.0, 0.0), (0.2, 0.5, 0.0, 0.0), (0.45, 0.0, 0.0, 0.0)]
+CUBICS = [(0.2, 0.5, 1.0, -1.0), (0.95, -3.0, 4.0, -1.2), (0.1, 2.6, -2.4, 0.3)]
+
+POST = RaycastSettings(classification=Classification.POST_CLASSIFIED)
+PRE = RaycastSettings(classification=Classification.PRE_INTEGRATED)
+
+
+def peaks(
+    crossings: Crossings, weight: PeakWeight, mode: PeakMode = PeakMode.BOTH, count: int = 4
+) -> RaycastSettings:
+    """Peak finding."""
+    return RaycastSettings(
+        classification=Classification.PEAK_FINDING,
+        crossings=crossings,
+        peak_weight=weight,
+        peak_mode=mode,
+        peaks=count,
+    )
+
+
+EXACT = peaks(Crossings.EXACT, PeakWeight.INTEGRAL)
+SECANT = peaks(Crossings.SECANT, PeakWeight.INTEGRAL)
+
+
+@pytest.fixture(scope="module")
+def caster(gl: moderngl.Context) -> Iterator[Caster]:
+    """Compiles every variant once."""
+    made = Caster(gl)
+    yield made
+    made.release()
+
+
+def errors(
+    caster: Caster,
+    transfer_function: TransferFunction,
+    settings: RaycastSettings,
+    curves: Sequence[tuple[float, ...]],
+    steps: int,
+) -> F64:
+    """(n,) largest error of radiance and opacity of every ray."""
+    expected = np.array([integrated(transfer_function, curve) for curve in curves])
+    found, _ = caster.cast(transfer_function, settings, curves, steps)
+    worst: F64 = np.abs(found - expected).max(axis=1)
+    return worst
+
+
+@pytest.mark.parametrize(("quadrature", "order"), [(Quadrature.RIEMANN, 1), (Quadrature.TRAPEZOID, 2)])
+def test_post_classification_converges_in_its_order(
+    caster: Caster, quadrature: Quadrature, order: int
+) -> None:
+    settings = RaycastSettings(classification=Classification.POST_CLASSIFIED, quadrature=quadrature)
+    coarse, fine = (np.linalg.norm(errors(caster, SMOOTH, settings, CUBICS, steps)) for steps in (32, 128))
+    # The kinks of the transfer function fall anywhere between samples: half an order of scatter.
+    assert np.log2(coarse / fine) / 2.0 > order - 0.5
+
+
+@pytest.mark.parametrize(
+    "transfer_function", [SMOOTH, STEPS, DIRAC, MANY], ids=["smooth", "steps", "dirac", "many"]
+)
+@pytest.mark.parametrize("settings", [PRE, EXACT, SECANT], ids=["pre-integrated", "exact", "secant"])
+@pytest.mark.parametrize("steps", [1, 8])
+def test_a_linear_field_is_integrated_exactly_by_any_steps(
+    caster: Caster, transfer_function: TransferFunction, settings: RaycastSettings, steps: int
+) -> None:
+    if settings is SECANT and transfer_function is MANY:
+        pytest.skip("the table holds four peaks between two samples, see the test of that")
+    found = errors(caster, transfer_function, settings, LINES, steps)
+    quadrature = 1.6**6 * 5e-7 if settings is EXACT and steps == 1 else 0.0  # see the test of cubic fields
+    assert found.max() < ROUNDING + quadrature + (NARROW_ERROR if transfer_function is DIRAC else 0.0)
+
+
+@pytest.mark.parametrize(
+    "transfer_function", [SMOOTH, STEPS, DIRAC, MANY], ids=["smooth", "steps", "dirac", "many"]
+)
+@pytest.mark.parametrize("steps", [1, 3, 64])
+def test_exact_crossings_integrate_a_cubic_field_by_any_steps(
+    caster: Caster, transfer_function: TransferFunction, steps: int
+) -> None:
+    # Three Gauss nodes err by f^(6) / 2016000 on a panel of optical depth 1: 5e-7 where the extinction is constant, and
+    # r^6 times that where it changes by a factor r: 3 over a whole cell of these curves, 1.6 over a third of it.
+    limit = ROUNDING + (3.0 if steps == 1 else 1.6) ** 6 * 5e-7
+    found = errors(caster, transfer_function, EXACT, CUBICS, steps)
+    assert found.max() < limit + (NARROW_ERROR if transfer_function is DIRAC else 0.0)
+
+
+@pytest.mark.parametrize("settings", [PRE, SECANT], ids=["pre-integrated", "secant"])
+@pytest.mark.parametrize("transfer_function", [SMOOTH, STEPS], ids=["smooth", "steps"])
+def test_linear_parts_of_a_cubic_field_converge_in_second_order(
+    caster: Caster, transfer_function: TransferFunction, settings: RaycastSettings
+) -> None:
+    coarse, fine = (
+        np.linalg.norm(errors(caster, transfer_function, settings, CUBICS, steps)) for steps in (16, 64)
+    )
+    assert np.log2(coarse / fine) / 2.0 > 1.5
+
+
+def test_a_peak_between_two_samples_is_missed_by_post_classification_and_found_by_the_others(
+    caster: Caster,
+) -> None:
+    line = [(0.21, 0.53, 0.0, 0.0)]
+    expected = integrated(DIRAC, line[0])
+    assert expected[3] == pytest.approx(-np.expm1(-1.0 / 0.53), rel=1e-6)  # area 1 over the slope
+    found, _ = caster.cast(DIRAC, POST, line, 16)
+    assert found[0, 3] == 0.0
+    for settings in (PRE, EXACT, SECANT):
+        assert errors(caster, DIRAC, settings, line, 16).max() < ROUNDING + NARROW_ERROR
+
+
+@pytest.mark.parametrize("crossings", list(Crossings))
+@pytest.mark.parametrize("slope", [0.3, -0.7])
+def test_the_paper_s_weight_is_the_extinction_over_a_length_of_one(
+    caster: Caster, crossings: Crossings, slope: float
+) -> None:
+    tent = TransferFunction(
+        [ControlPoint(0.4, RED, 0.0), ControlPoint(0.5, RED, 0.7), ControlPoint(0.6, RED, 0.0)]
+    )
+    settings = peaks(crossings, PeakWeight.PAPER, PeakMode.PEAK_ONLY)
+    found, counts = caster.cast(tent, settings, [(0.5 - 0.4 * slope, slope, 0.0, 0.0)], 7)
+    assert found[0, 3] == pytest.approx(-np.expm1(-0.7), abs=ROUNDING)
+    assert counts[0, 1] == 1
+
+
+def test_the_modes_show_what_they_are_named_after(caster: Caster) -> None:
+    tent = TransferFunction(
+        [ControlPoint(0.4, RED, 0.0), ControlPoint(0.5, RED, 0.7), ControlPoint(0.6, RED, 0.0)]
+    )
+    line = [(0.1, 0.77, 0.0, 0.0)]
+    found = {
+        mode: caster.cast(tent, peaks(Crossings.SECANT, PeakWeight.PAPER, mode), line, 40)[0][0, 3]
+        for mode in PeakMode
+    }
+    through = {mode: 1.0 - opacity for mode, opacity in found.items()}
+    samples = caster.cast(tent, POST, line, 40)[0][0, 3]
+    assert found[PeakMode.DVR_ONLY] == samples
+    assert through[PeakMode.BOTH] == pytest.approx(
+        through[PeakMode.PEAK_ONLY] * through[PeakMode.DVR_ONLY], abs=ROUNDING
+    )
+    assert found[PeakMode.PEAK_ONLY] < found[PeakMode.XOR] < found[PeakMode.BOTH]
+
+
+def test_dvr_only_counts_no_root(caster: Caster) -> None:
+    _, counts = caster.cast(STEPS, peaks(Crossings.EXACT, PeakWeight.PAPER, PeakMode.DVR_ONLY), CUBICS, 16)
+    assert not counts.any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_as_many_peaks_are_found_between_two_samples_as_are_asked_for(caster: Caster, count: int) -> None:
+    close = TransferFunction([], [Isosurface(v, WHITE, 0.5) for v in (0.41, 0.42, 0.43, 0.44, 0.45)])
+    found, counts = caster.cast(
+        close, peaks(Crossings.SECANT, PeakWeight.PAPER, count=count), [LINES[0], LINES[1]], 1
+    )
+    assert counts[:, 1].tolist() == [count, count]
+    np.testing.assert_allclose(found[:, 3], 1.0 - 0.5**count, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "settings", [PRE, EXACT, peaks(Crossings.SECANT, PeakWeight.PAPER)], ids=["pre", "exact", "secant"]
+)
+def test_a_falling_stretch_meets_the_surfaces_in_the_other_order(
+    caster: Caster, settings: RaycastSettings
+) -> None:
+    two = TransferFunction([], [Isosurface(0.3, RED, 0.75), Isosurface(0.6, BLUE, 0.75)])
+    found, _ = caster.cast(two, settings, [LINES[0], LINES[1]], 1)
+    np.testing.assert_allclose(found[0, :3], [0.75, 0.0, 0.1875], atol=ROUNDING)
+    np.testing.assert_allclose(found[1, :3], [0.1875, 0.0, 0.75], atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "settings", [PRE, EXACT, peaks(Crossings.SECANT, PeakWeight.PAPER)], ids=["pre", "exact", "secant"]
+)
+@pytest.mark.parametrize("steps", [2, 4, 8])
+def test_a_sample_equal_to_an_isovalue_is_one_crossing(
+    caster: Caster, settings: RaycastSettings, steps: int
+) -> None:
+    half = TransferFunction([], [Isosurface(0.5, RED, 0.25)])
+    # Through the value at a sample, upwards and downwards, and touching it from below (twice) and from above (never).
+    curves = [LINES[0], LINES[1], (0.25, 1.0, -1.0, 0.0), (0.75, -1.0, 1.0, 0.0)]
+    found, counts = caster.cast(half, settings, curves, steps)
+    assert counts[:, 1].tolist() == [1, 1, 2, 0]
+    np.testing.assert_allclose(found[:, 3], [0.25, 0.25, 1.0 - 0.75**2, 0.0], atol=ROUNDING)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("settings", [POST, PRE, EXACT, SECANT], ids=["post", "pre", "exact", "secant"])
+def test_a_plateau_equal_to_a_control_point_has_its_extinction(
+    caster: Caster, settings: RaycastSettings, value: float
+) -> None:
+    ramp = TransferFunction(
+        [ControlPoint(0.0, RED, 1.0), ControlPoint(0.5, GREEN, 2.0), ControlPoint(1.0, BLUE, 3.0)]
+    )
+    assert errors(caster, ramp, settings, [(value, 0.0, 0.0, 0.0)], 8).max() < ROUNDING
+
+
+def test_a_grazing_bump_between_two_samples_is_found_by_exact_crossings_alone(caster: Caster) -> None:
+    half = TransferFunction([], [Isosurface(0.5, RED, 0.25)])
+    bump = [(0.4, 0.5, -0.5, 0.0)]  # up to 0.525 in the middle
+    assert caster.cast(half, peaks(Crossings.SECANT, PeakWeight.PAPER), bump, 1)[0][0, 3] == 0.0
+    assert caster.cast(half, EXACT, bump, 1)[0][0, 3] == pytest.approx(1.0 - 0.75**2, abs=ROUNDING)
+
+
+@pytest.mark.parametrize("integration", [Integration.TABLE_2D, Integration.TABLE_3D])
+def test_a_table_converges_to_piecewise_integration(caster: Caster, integration: Integration) -> None:
+    def found(size: int) -> float:
+        settings = RaycastSettings(integration=integration, table_size=size)
+        return float(errors(caster, SMOOTH, settings, LINES, 4).max())
+
+    # Bilinear interpolation: second order in the size, to the rounding of the many entries.
+    assert found(256) < 5e-4
+    assert found(256) < 0.25 * found(64)
+
+
+def test_a_table_of_many_lengths_serves_all_of_them(caster: Caster) -> None:
+    settings = RaycastSettings(integration=Integration.TABLE_3D, table_size=128)
+    expected = np.array([integrated(SMOOTH, line) for line in LINES])
+    for steps in (1, 3, 7, 50):
+        found, _ = caster.cast(SMOOTH, settings, LINES, steps, table_length=0.1)
+        # Between two layers the mean of two opacities brought to the length: 2e-4 of this scene's depth of at most 5.
+        assert np.abs(found - expected).max() < 2e-3
+
+
+def test_a_sampled_transfer_function_is_the_exact_one_between_its_entries(caster: Caster) -> None:
+    texture = RaycastSettings(
+        classification=Classification.POST_CLASSIFIED, transfer_lookup=TransferLookup.TEXTURE
+    )
+    smooth = [caster.cast(SMOOTH, settings, CUBICS, 64)[0] for settings in (POST, texture)]
+    # A kink is cut off within an entry: 30 extinction per value times 1 / 8192, once or twice a ray.
+    assert np.abs(smooth[0] - smooth[1]).max() < 30.0 / 8192.0 / 8.0
+    line = [(0.5 + 0.25 / 8192.0, 0.0, 0.0, 0.0)]  # a value between two entries, inside the narrow peak
+    exact, sampled = (caster.cast(DIRAC, settings, line, 1)[0][0, 3] for settings in (POST, texture))
+    assert exact == 1.0
+    assert sampled < 1.0 or sampled == pytest.approx(1.0)
