@@ -1,6 +1,8 @@
 // Parts of a stretch that every method composites: a slab whose optics run linearly, and a surface. Expects
 // pass/transfer.glsl, and light_at and composite of pass/raycast.glsl.
 
+int spent_loops = 0;                      // turns of the loops inside composite_stretch so far, as some drivers limit these
+
 vec3 kept_light = vec3(-1.0, 1.0, 0.0);   // light_at the distance x, as parts meet there
 
 vec3 lit(vec3 straight, float distance) {

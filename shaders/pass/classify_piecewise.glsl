@@ -14,6 +14,7 @@ void composite_bands(Stretch stretch, bool surfaces) {
     float start = stretch.start;
     float front = stretch.front;
     while (true) {
+        spent_loops += 2;                 // this one's and that of segment_weights
         vec4 range = band_texel(band, RANGE);
         bool ends = band == last;
         float back = ends ? stretch.back : rising ? range.y : range.x;

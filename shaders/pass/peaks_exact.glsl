@@ -91,6 +91,7 @@ void composite_piece(CellPart part, float s0, float s1, float front, float back)
 #endif
     float s = s0;
     while (true) {
+        spent_loops += 5;                 // this one's, those of cubic_root and of cubic_moments
         bool ends = walk.band == last;
         int number = rising ? walk.band : walk.band - 1;
         float level = rising ? walk.range.y : walk.range.x;
@@ -122,6 +123,7 @@ void composite_part(CellPart part) {
     float s = 0.0;
     float front = part.cubic.x;
     for (int piece = 0; piece < 3 && s < 1.0; ++piece) {
+        ++spent_loops;
         float next = piece == 0 ? extrema.x : piece == 1 ? extrema.y : 1.0;
         float back = next < 1.0 ? cubic_value(part.cubic, next) : part.cubic.w;
         composite_piece(part, s, next, front, back);
@@ -171,6 +173,7 @@ bool composite_cells(Stretch stretch) {
     bool known = true;                    // the walk's band is that of the value at the part's start
     bool ends = false;
     while (!ends) {
+        ++spent_loops;
         vec3 exits = mix(ray.start + (vec3(cell + forward) - ray.index_start) * inverse, vec3(1e30), across);
         part.end = max(min(min(exits.x, exits.y), exits.z), part.start);
         ivec3 next = cell + ivec3(lessThanEqual(exits, vec3(part.end))) * (2 * forward - 1);
