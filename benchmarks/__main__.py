@@ -6,7 +6,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks import bench_abuffer, bench_cache, bench_extract, bench_reference, bench_scale, bench_startup
+from benchmarks import (
+    bench_abuffer,
+    bench_cache,
+    bench_extract,
+    bench_raycast,
+    bench_reference,
+    bench_scale,
+    bench_startup,
+)
 from benchmarks.machine import describe_machine
 
 RESULTS = Path(__file__).parent / "RESULTS.md"
@@ -31,7 +39,7 @@ def main() -> None:
         "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n",
         describe_machine(),
     ]
-    for program in (bench_startup, bench_extract, bench_cache, bench_abuffer, bench_reference):
+    for program in (bench_startup, bench_extract, bench_cache, bench_abuffer, bench_raycast, bench_reference):
         parts.append(program.report(quick=quick))
         print(parts[-1], flush=True)
     parts.append(bench_scale.report(quick=quick, full=arguments.full))

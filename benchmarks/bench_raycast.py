@@ -15,7 +15,7 @@ from benchmarks.raycast_scenes import RaycastScene, impulses, nucleon_tents, ram
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
-    PeakMode,
+    Integration,
     PeakWeight,
     Quadrature,
     RaycastSettings,
@@ -43,9 +43,11 @@ OURS: dict[str, dict[str, object]] = {
     "post-classified, trapezoid": {**POST},
     "pre-integrated, exact": {**PRE},
     "pre-integrated, exact, adaptive": {**PRE, "adaptive": True},
+    "pre-integrated, table 256²": {**PRE, "integration": Integration.TABLE_2D},
+    "peak finding, integral weights, secant": {**PEAKS, "crossings": Crossings.SECANT, "peaks": 4},
     "peak finding, integral weights, exact crossings": {**PEAKS},
-    "peak finding, xor": {**PEAKS, "peak_mode": PeakMode.XOR},
 }
+EXACT_STEPS = (4.0,)  # its picture does not depend on the step
 
 
 def settings_of(options: Mapping[str, object], step: float) -> RaycastSettings:
@@ -133,7 +135,8 @@ def curves_of(scene: RaycastScene, size: int, *, repetitions: int) -> dict[str, 
                 VTK_STEPS,
             )
     for name, options in OURS.items():
-        makers[name] = (_ours(scene, size, options), STEPS)
+        exact = options.get("crossings") is Crossings.EXACT
+        makers[name] = (_ours(scene, size, options), EXACT_STEPS if exact else STEPS)
     return measure(makers, scene.reference(size), repetitions=repetitions, stop_error=ERRORS[-1])
 
 
