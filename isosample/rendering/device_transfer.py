@@ -128,7 +128,6 @@ class DeviceTransfer:
     def fill(self, block: np.void) -> None:
         """Fill in the members of a struct Raycast that tell of the transfer function."""
         block["band_count"] = len(self._bands.ends)
-        block["peak_count"] = len(self._peaks)
         block["root_iterations"] = self._settings.root_iterations
         lengths = table_lengths(self._settings, self._base_length)
         block["table_layers"], block["table_length"] = len(lengths), lengths[0]

@@ -76,7 +76,7 @@ class Programs:
 def storage_bindings() -> dict[str, int]:
     """Binding of every storage block by its name in the shaders."""
     names = {"Heads": "HEADS", "Nodes": "NODES", "CounterBlock": "COUNTERS", "Bands": "BANDS"}
-    names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY", "BandStarts": "BAND_STARTS", "Peaks": "PEAKS"}
+    names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY"}
     names |= {"RayCounterBlock": "RAY_COUNTERS", "RayStates": "RAY_STATES"}
     return {block: shared_constants()[f"BINDING_{name}"] for block, name in names.items()}
 

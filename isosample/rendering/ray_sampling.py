@@ -34,7 +34,6 @@ def fill_sampling(
     block: np.void, settings: RaycastSettings, geometry: GridGeometry, rays: Rays, size: tuple[int, int]
 ) -> None:
     """Fill in the members of a struct Raycast that say where samples lie."""
-    block["voxel"] = min(geometry.spacing)
     block["step"] = first_step(settings, geometry, rays, size)
     block["growth"] = float(settings.sampling is Sampling.DIFFERENTIAL)
     block["jitter_seed"] = 0 if settings.jitter is None else settings.jitter + 1

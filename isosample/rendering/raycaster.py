@@ -6,6 +6,7 @@ Source: Knoll et al. 2009, "Volume ray casting with peak finding and differentia
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
 import moderngl
@@ -140,19 +141,25 @@ class RayCaster:
         grid = MacrocellGrid.build(volume, reconstruction, self._settings.macrocells, spline=spline)
         self.timer = StageTimer(self._ctx)
         self.timer.seconds["prepare"] = time.perf_counter() - started
-        self._programs = Programs(self._ctx)
-        with self.timer.stage("upload"):
-            self._volume = DeviceVolume(
-                self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
-            )
-            self._transfer = self._device_transfer(transfer_function or TransferFunction.suggest(volume))
-            self._macrocells = DeviceMacrocells(
-                self._ctx, grid, self._settings, self._transfer.visible_intervals()
-            )
-        self._frame_buffer = self._ctx.buffer(reserve=uniform_dtype("Frame").itemsize)
-        self._raycast_buffer = self._ctx.buffer(reserve=uniform_dtype("Raycast").itemsize)
-        self._counters = self._ctx.buffer(reserve=storage_dtype("RayCounters").itemsize)
-        self._states = self._ctx.buffer(reserve=TILE_PIXELS * storage_dtype("RayState").itemsize)
+        with ExitStack() as made:
+            self._programs = Programs(self._ctx)
+            made.callback(self._programs.release)
+            with self.timer.stage("upload"):
+                self._volume = DeviceVolume(
+                    self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
+                )
+                made.callback(self._volume.release)
+                self._transfer = self._device_transfer(transfer_function or TransferFunction.suggest(volume))
+                made.callback(lambda: self._transfer.release())
+                self._macrocells = DeviceMacrocells(
+                    self._ctx, grid, self._settings, self._transfer.visible_intervals()
+                )
+                made.callback(self._macrocells.release)
+            self._made = made.pop_all()
+        self._frame_buffer = self._buffer(uniform_dtype("Frame").itemsize)
+        self._raycast_buffer = self._buffer(uniform_dtype("Raycast").itemsize)
+        self._counters = self._buffer(storage_dtype("RayCounters").itemsize)
+        self._states = self._buffer(TILE_PIXELS * storage_dtype("RayState").itemsize)
         self._target: moderngl.Framebuffer | None = None
 
     def __enter__(self) -> Self:
@@ -164,10 +171,7 @@ class RayCaster:
     def release(self) -> None:
         """Free everything on the GPU."""
         self._release_target()
-        for part in (self._volume, self._transfer, self._macrocells, self._programs):
-            part.release()
-        for buffer in (self._frame_buffer, self._raycast_buffer, self._counters, self._states):
-            buffer.release()
+        self._made.close()
 
     def set_transfer_function(self, transfer_function: TransferFunction) -> None:
         """Show the volume with another transfer function; neither the volume nor its macrocells are made anew.
@@ -298,6 +302,11 @@ class RayCaster:
             self._target.release()
             self._picture.release()
         self._target = None
+
+    def _buffer(self, size_bytes: int) -> moderngl.Buffer:
+        buffer = self._ctx.buffer(reserve=size_bytes)
+        self._made.callback(buffer.release)
+        return buffer
 
     def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
         voxel = min(self._geometry.spacing)

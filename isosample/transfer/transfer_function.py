@@ -118,9 +118,9 @@ class TransferFunction:
             last = np.searchsorted(knots, knots[-1], side="left")
             upper = np.where(values == knots[-1], last, upper)
         inside = (upper > 0) & (upper < len(knots))
+        nearest = np.where(upper == 0, knots[0], knots[-1])
         upper = np.clip(upper, 1, len(knots) - 1)
         lower = upper - 1
-        nearest = np.where(values < knots[0], knots[0], knots[-1])
         weight = _weight(np.where(inside, values, nearest), knots[lower], knots[upper])
         mixed_color: F64 = (1 - weight)[..., None] * color[lower] + weight[..., None] * color[upper]
         mixed_extinction = (1 - weight) * extinction[lower] + weight * extinction[upper]

@@ -104,9 +104,6 @@ def _optics(transfer_function: TransferFunction, edges: F64, widths: F64, invers
     """(K + 1, 2, 4) optics at the ends of the bands; one between two levels of one value has the limit from below."""
     color_low, extinction_low = transfer_function.evaluate(edges[:-1], side="right")
     color_high, extinction_high = transfer_function.evaluate(edges[1:], side="left")
-    if transfer_function.points:  # below the first point the colour is its own
-        outside = edges[1:] <= transfer_function.points[0].value
-        color_high[outside] = color_low[outside]
     closing = edges[:-1] == edges[1:]
     color_low[closing], extinction_low[closing] = color_high[closing], extinction_high[closing]
     optics = np.stack(

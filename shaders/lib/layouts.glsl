@@ -15,8 +15,6 @@ const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised sam
 const int BINDING_RAYCAST = 1;           // uniform block of the ray caster: struct Raycast
 const int BINDING_RAY_COUNTERS = 6;      // storage: struct RayCounters
 const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pixel of the tile
-const int BINDING_BAND_STARTS = 8;       // storage: band in which each of BAND_START_COUNT value bins begins
-const int BINDING_PEAKS = 9;             // storage: struct Peak, ascending values
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an empty macrocell (0: not empty), green the step multiplier
@@ -115,17 +113,14 @@ struct Raycast {
     ivec4 samples;       // samples along x, y, z; w: 1 where coefficients lie beside them on every side
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
-    float voxel;         // smallest distance between samples [world]
     float step;          // first step along a ray [world]
     float growth;        // 1: steps grow with the distance from the eye (differential sampling); 0: they do not
     int root_iterations; // secant steps
     uint jitter_seed;    // 0: no jitter
     int band_count;
-    int peak_count;
     int table_layers;    // lengths of the pre-integration table
     float table_length;  // stretch of its first layer [world]
     float table_ratio;   // natural logarithm of the length of one layer over that of the one before
-    int transfer_size;   // entries of the sampled transfer function
     int loop_limit;      // iterations after which a ray is put aside until the next call
     int resumed;         // 1: rays go on from their states
 };
@@ -149,13 +144,4 @@ struct RayCounters {
     uint unfinished_rays; // have to go on in another call
     uint most_samples;   // of one ray
     uint crossings;      // of peaks and isosurfaces, composited
-};
-
-// A local maximum of the extinction, or an isosurface.
-struct Peak {
-    vec4 color;          // straight linear RGB; w: extinction [1/world], or opacity of an isosurface
-    float value;         // normalised
-    float low;           // normalised: the peak's share of the transfer function begins here
-    float high;          // and ends here
-    uint isosurface;     // 1: composited with its opacity, whatever the angle
 };

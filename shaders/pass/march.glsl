@@ -2,6 +2,8 @@
 // Samples have numbers: that of a distance is the same whatever was left out before it, so skipping changes no picture.
 // Source: Amanatides and Woo 1987 (3D-DDA); Knoll et al. 2009, sections 6.1 and 6.2.
 
+const int TURNS_OF_LOOP = 8;              // of the loops inside a stretch, that count as one of `loop_limit`
+
 // Where the march is.
 struct March {
     int number;                           // sample at which the next stretch begins
@@ -89,7 +91,8 @@ bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
         start = end;
         ray.value = back;
-        --loops;
+        loops -= 1 + spent_loops / TURNS_OF_LOOP;
+        spent_loops = 0;
     }
     ray.sampled = march.number;
     return march.number >= last || ray.transmittance < frame.min_transmittance;

@@ -4,10 +4,6 @@
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std140, binding = BINDING_RAYCAST) uniform RaycastBlock { Raycast raycast; };
-layout(std430, binding = BINDING_BANDS) readonly buffer Bands { Band bands[]; };
-layout(std430, binding = BINDING_LEVELS) readonly buffer Levels { Level levels[]; };
-layout(std430, binding = BINDING_BAND_STARTS) readonly buffer BandStarts { uint band_starts[]; };
-layout(std430, binding = BINDING_PEAKS) readonly buffer Peaks { Peak peaks[]; };
 layout(std430, binding = BINDING_RAY_COUNTERS) buffer RayCounterBlock { RayCounters counters; };
 layout(std430, binding = BINDING_RAY_STATES) buffer RayStates { RayState states[]; };
 layout(binding = UNIT_MACROCELLS) uniform usampler3D macrocells;

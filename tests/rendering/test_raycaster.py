@@ -300,3 +300,24 @@ def test_air_at_the_foot_of_a_ramp_is_leapt_over(gl: moderngl.Context) -> None:
     assert stats["occupied"] == 5**3  # macrocells of 2 cells that touch samples 12 to 19: from 11 to 20
     everything = cast(volume, ramp_tf(0.0, 1.0, (0.1, 0.2)), replace(PRE, macrocells=16))
     assert everything.stats["macrocells"]["occupied"] == 16**3
+
+
+def test_long_rays_through_noise_and_many_tents_are_whole(gl: moderngl.Context) -> None:
+    samples = np.random.default_rng(5).random((600, 3, 3), dtype=np.float32)
+    volume = Volume(samples)
+    places = (np.arange(64) + 0.5) / 64
+    points = [
+        ControlPoint(float(place + part), (1.0, 0.5, float(place)), extinction)
+        for place in places
+        for part, extinction in ((-0.004, 0.0), (0.0, 0.05), (0.004, 0.0))
+    ]
+    tf = TransferFunction(points)
+    camera = Camera(
+        projection=Projection.ORTHOGRAPHIC, eye=(1.0, 1.0, 700.0), target=(1.0, 1.0, 0.0), height=1.6
+    )
+    exact = replace(PEAKS, crossings=Crossings.EXACT)
+    expected = render_reference(volume, tf, camera=camera, size=(12, 12)).rgba
+    for step in (1.0, 8.0, 64.0):
+        found = raycast(volume, tf, camera=camera, size=(12, 12), raycast=replace(exact, step=step))
+        # 600 cells with some 30 bands each: roundings of 2^-24 of the depth, 600 * 64 * 0.05 * 0.004 = 7.7 in all.
+        assert np.abs(found.rgba - expected).max() <= 600 * 2.0**-24 * 7.7

@@ -54,6 +54,13 @@ def test_extinction_is_zero_outside_and_the_closed_side_keeps_the_last_point() -
     assert tf.evaluate(0.0, "left")[1] == 0
 
 
+def test_below_the_first_point_its_colour_holds() -> None:
+    tf = TransferFunction([ControlPoint(0, RED, 1), ControlPoint(2, BLUE, 9)])
+    for value in (-1.0, 0.0):
+        np.testing.assert_array_equal(tf.evaluate(value, "left")[0], RED)
+    np.testing.assert_array_equal(tf.evaluate(3.0, "left")[0], BLUE)
+
+
 def test_a_step_down_at_the_last_value_is_closed_from_below() -> None:
     tf = TransferFunction([ControlPoint(0, RED, 1), ControlPoint(1, RED, 5), ControlPoint(1, RED, 0)])
     assert tf.evaluate(1.0)[1] == 5
