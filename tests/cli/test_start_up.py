@@ -27,7 +27,18 @@ HEAVY = [
     "PIL",
     "tifffile",
 ]
-COMMANDS = ("demo", "info", "filter", "precompute", "render", "verify", "export", "cache", "doctor")
+COMMANDS = (
+    "demo",
+    "info",
+    "filter",
+    "precompute",
+    "render",
+    "compare",
+    "verify",
+    "export",
+    "cache",
+    "doctor",
+)
 ESCAPE = "\x1b"
 
 

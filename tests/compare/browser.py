@@ -125,6 +125,14 @@ class Page:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
 
+    def choose(self, name: str, value: str) -> None:
+        """Choose an option of a select element."""
+        words = json.dumps([name, value])
+        self.ask(
+            "(([name, value]) => { const one = document.getElementById(name); one.value = value;"
+            f"one.dispatchEvent(new Event('change')); }})({words})"
+        )
+
     def centre(self, selector: str) -> tuple[float, float]:
         """Middle of an element, scrolled into view [CSS pixel]."""
         box = self.ask(
