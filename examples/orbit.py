@@ -1,4 +1,4 @@
-"""Extract once, render many: 8 views around a hydrogen orbital, without touching the volume again."""
+"""Extract once, render many: a turn around a hydrogen orbital, without touching the volume again."""
 
 import isosample
 from isosample.volume.analytic import HydrogenOrbital, sample_field
@@ -8,7 +8,10 @@ volume = sample_field(
 )
 tf = isosample.TransferFunction.suggest(volume)
 plan = isosample.plan_isovalues(tf, volume.value_range)
-with isosample.Renderer(isosample.extract_surfaces(volume, plan.isovalues), plan) as renderer:
-    for step in range(8):
-        camera = isosample.Camera.orbit(volume.box, azimuth=45 * step, elevation=20)
-        renderer.render(camera=camera, size=(400, 400)).save(f"orbit_{step}.png")
+cameras = [isosample.Camera.orbit(volume.box, azimuth=45 * step, elevation=20) for step in range(8)]
+with (
+    isosample.Renderer(isosample.extract_surfaces(volume, plan.isovalues), plan) as renderer,
+    isosample.Film("orbit.gif", (400, 400), len(cameras), frame_rate=4) as film,
+):
+    for camera in cameras:
+        film.add(renderer.render(camera=camera, size=(400, 400)))

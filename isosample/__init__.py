@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Camera as Camera
     from isosample.rendering.camera import Projection as Projection
     from isosample.rendering.camera import UpAxis as UpAxis
+    from isosample.rendering.film import Film as Film
     from isosample.rendering.image import Image as Image
     from isosample.rendering.pipeline import Renderer as Renderer
     from isosample.rendering.pipeline import render as render
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
+    from isosample.rendering.turntable import turntable as turntable
     from isosample.surfaces.extract import extract_meshes
     from isosample.surfaces.extract import extract_surfaces as extract_surfaces
     from isosample.transfer.control_points import ControlPoint as ControlPoint
@@ -61,6 +63,7 @@ _HOMES = {
     "ClipPlane": "rendering.settings",
     "ControlPoint": "transfer.control_points",
     "Crossings": "rendering.raycast_settings",
+    "Film": "rendering.film",
     "Filtering": "rendering.raycast_settings",
     "Image": "rendering.image",
     "Integration": "rendering.raycast_settings",
@@ -90,6 +93,7 @@ _HOMES = {
     "render": "rendering.pipeline",
     "render_reference": "rendering.reference_image",
     "render_surfaces": "rendering.pipeline",
+    "turntable": "rendering.turntable",
 }
 
 __all__ = [

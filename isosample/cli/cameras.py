@@ -29,14 +29,15 @@ def camera_of(args: argparse.Namespace) -> Camera | None:
     return Camera.load(args.camera)
 
 
-def orbit(args: argparse.Namespace, box: Box) -> Camera:
-    """Return a camera about a box, from those of the four options that are given."""
+def orbit(args: argparse.Namespace, box: Box, **instead: float) -> Camera:
+    """Return a camera about a box, from those of the options that are given, or the numbers `instead` of them."""
     from isosample.rendering.camera import Camera, Projection, UpAxis
 
     width, height = args.size
     given: dict[str, Any] = {
         name: getattr(args, name) for name in ORBIT_OPTIONS if getattr(args, name) is not None
     }
+    given |= instead
     if "projection" in given:
         given["projection"] = Projection(given["projection"])
     if "up" in given:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
 from isosample.cli.methods import RAYCAST_OPTIONS, check_volume_is_named
 from isosample.cli.outputs import write_json
+from isosample.cli.turntable import cameras_of, run_turntable
 
 if TYPE_CHECKING:
     import argparse
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from isosample.rendering.image import Image
     from isosample.rendering.raycast_settings import RaycastSettings
     from isosample.rendering.settings import RenderSettings
+    from isosample.rendering.turntable import FrameLog
 
 
 def run_raycast(
-    args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, start: float
+    args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, log: FrameLog
 ) -> int:
     """Cast the rays of one picture, write it, and sum up."""
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
@@ -34,6 +35,18 @@ def run_raycast(
     shared_context()
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    if args.turntable is not None:
+        with RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
+            return run_turntable(
+                args,
+                cameras_of(args, camera, volume.box),
+                lambda one, progress: caster.render(
+                    camera=one, size=args.size, settings=settings, progress=progress
+                ),
+                log,
+                more={"source": str(args.source), "transfer_function": origin},
+                fields={},
+            )
     with progress_bars() as progress, RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
         image = caster.render(
             camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
@@ -41,7 +54,7 @@ def run_raycast(
     image.save(args.output)
     if args.stats:
         write_json(args.stats, image.stats | {"source": str(args.source), "transfer_function": origin})
-    _summarise(image, args, time.perf_counter() - start)
+    _summarise(image, args, log.elapsed)
     return 0
 
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli import arguments
+from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars
 from isosample.cli.methods import DATA_CENTRIC, METHODS, RAYCAST_METHODS, REFERENCE, check_method
 from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
 from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
-from isosample.cli.summary import check_strict, summarise
-from isosample.defaults import IMAGE_SUFFIXES
+from isosample.cli.summary import check_strict, scene_fields, summarise
+from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run_turntable
+from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 
     from isosample.cli.parser import Commands
     from isosample.cli.sources import PreparedScene
+    from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
     from isosample.rendering.pipeline import Renderer
     from isosample.rendering.settings import RenderSettings
+    from isosample.rendering.turntable import FrameLog
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
@@ -38,7 +40,8 @@ isosample render meshes_cache/head-1f3a9c07 --size 1200x900 --stats head.json -o
 isosample render head.nrrd --method post-classified --step 1/4 -o head.png
 isosample render head.nrrd --method pre-integrated --sampling differential --stats head.json -o head.png
 isosample render head.nrrd --method peak-finding --peak-weight integral --crossings exact -o head.png
-isosample render head.nrrd --method reference --size 200x200 -o head.npy"""
+isosample render head.nrrd --method reference --size 200x200 -o head.npy
+isosample render head.nrrd --elevation 20 --turntable 72 --background 1,1,1 -o head.mp4"""
 
 
 def add_parser(commands: Commands) -> None:
@@ -59,7 +62,20 @@ def add_parser(commands: Commands) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help=".png (sRGB, 8 bits) or .npy (float32 (H, W, 4), premultiplied linear RGBA)",
+        help=".png (sRGB, 8 bits) or .npy (float32 (H, W, 4), premultiplied linear RGBA); films: see --turntable",
+    )
+    parser.add_argument(
+        "--turntable",
+        type=values.count,
+        metavar="N",
+        help="a film of N frames that turns once about the volume, from --azimuth on (--camera: about its target and "
+        "up): .mp4 (extra video), .gif, or .png and .npy, numbered; all but the view is made once",
+    )
+    parser.add_argument(
+        "--frame-rate",
+        type=values.positive,
+        metavar="F",
+        help=f"frames per second of .mp4 and .gif (default {DEFAULT_FRAME_RATE:g}); a .gif takes up to 50",
     )
     parser.add_argument(
         "--stats",
@@ -105,24 +121,29 @@ def add_parser(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check all that can be checked, then open, extract, render, write, and sum up."""
-    start = time.perf_counter()
+    from isosample.rendering.turntable import FrameLog
+
+    log = FrameLog()
     check_method(args)
+    check_turntable(args)
     settings = settings_of(args)
     _check_outputs(args)
     camera = camera_of(args)
     if args.method == REFERENCE:
         from isosample.cli.reference import run_reference
 
-        return run_reference(args, settings, camera, start)
+        return run_reference(args, settings, camera, log)
     if args.method in RAYCAST_METHODS:
         from isosample.cli.raycast import run_raycast
 
-        return run_raycast(args, settings, camera, start)
+        return run_raycast(args, settings, camera, log)
     scene = _prepare(args)
     if args.plan:
         from isosample.cli.plan_table import say_plan
 
         say_plan(scene.plan)
+    if args.turntable is not None:
+        return _film(args, scene, settings, camera, log)
     errors = None
     with progress_bars() as progress, renderer(scene) as picture:
         place = {
@@ -141,8 +162,30 @@ def run(args: argparse.Namespace) -> int:
         errors.save(args.error_map)
     if args.stats:
         write_json(args.stats, statistics(image, scene, args, percentiles))
-    summarise(image, scene, args.output, time.perf_counter() - start, percentiles)
+    summarise(image, scene, args.output, log.elapsed, percentiles)
     return 0
+
+
+def _film(
+    args: argparse.Namespace,
+    scene: PreparedScene,
+    settings: RenderSettings,
+    camera: Camera | None,
+    log: FrameLog,
+) -> int:
+    """Turn about the scene, with its meshes uploaded once."""
+    cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
+    with renderer(scene) as picture:
+        return run_turntable(
+            args,
+            cameras,
+            lambda one, progress: picture.render(
+                camera=one, size=args.size, settings=settings, progress=progress
+            ),
+            log,
+            more=scene_statistics(scene, args),
+            fields=scene_fields(scene),
+        )
 
 
 def _wants_errors(args: argparse.Namespace, scene: PreparedScene) -> bool:
@@ -183,30 +226,35 @@ def statistics(
     image: Image, scene: PreparedScene, args: argparse.Namespace, errors: dict[str, float] | None
 ) -> dict[str, Any]:
     """Return the picture's statistics with what it shows, JSON-ready."""
-    found = scene.surfaces.statistics
-    more: dict[str, Any] = {} if errors is None else {"error_99.9_percent": errors}
-    if scene.mesh_distance is not None:
-        more["mesh_distance"] = scene.mesh_distance
-    return (
-        image.stats
-        | more
-        | {
-            "source": str(args.source),
-            "transfer_function": scene.tf_origin,
-            "levels_reused": found.levels_reused,
-        }
-    )
+    more = {} if errors is None else {"error_99.9_percent": errors}
+    return image.stats | more | scene_statistics(scene, args)
+
+
+def scene_statistics(scene: PreparedScene, args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the statistics of all pictures of a scene say about it, JSON-ready."""
+    more = {} if scene.mesh_distance is None else {"mesh_distance": scene.mesh_distance}
+    return {
+        **more,
+        "source": str(args.source),
+        "transfer_function": scene.tf_origin,
+        "levels_reused": scene.surfaces.statistics.levels_reused,
+    }
 
 
 def _check_outputs(args: argparse.Namespace) -> None:
     """Raise unless both outputs and the cache folder can be written."""
-    check_suffix(args.output, IMAGE_SUFFIXES, "a picture")
+    if args.turntable is None:
+        if args.output.suffix.lower() in FILM_SUFFIXES and args.output.suffix.lower() not in IMAGE_SUFFIXES:
+            raise InputError(
+                f"{args.output} is a film, and one picture is asked for; add --turntable N, or name a .png or .npy."
+            )
+        check_suffix(args.output, IMAGE_SUFFIXES, "a picture")
     if args.stats:
         check_suffix(args.stats, (".json",), "a file of statistics")
     if args.error_map:
         check_suffix(args.error_map, IMAGE_SUFFIXES, "an error map")
     inputs = [path for path in (args.source, args.tf, args.camera) if path is not None]
-    check_writable({"--output": args.output, "--stats": args.stats, "--error-map": args.error_map}, inputs)
+    check_writable({**outputs_of(args), "--stats": args.stats, "--error-map": args.error_map}, inputs)
     if args.cache is not None:
         probe_folder(nearest_existing(args.cache))
 

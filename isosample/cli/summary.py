@@ -61,10 +61,9 @@ def summarise(
 
     stats = image.stats
     width, height = stats["size"]
-    reused = scene.surfaces.statistics.levels_reused
     fields = {
         "picture": f"{path} ({width} x {height} pixels)",
-        "isovalues": f"{len(stats['isovalues'])}" + (f" ({reused} from the cache)" if reused else ""),
+        "isovalues": _isovalues(len(stats["isovalues"]), scene),
         "triangles": thousands(stats["triangles"]["drawn"]),
         "fragments": f"{thousands(stats['fragments'])} (at most {stats['max_depth_complexity']} per pixel, "
         f"lost {stats['lost_fragments']})",
@@ -86,6 +85,20 @@ def summarise(
             say(meaning.format(thousands(stats[name])))
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def scene_fields(scene: PreparedScene) -> dict[str, str]:
+    """Rows about a scene of which there are many pictures."""
+    return {
+        "isovalues": _isovalues(len(scene.plan.isovalues), scene),
+        "triangles": thousands(sum(scene.surfaces.statistics.triangles)),
+        **tolerance_fields(scene.plan),
+    }
+
+
+def _isovalues(count: int, scene: PreparedScene) -> str:
+    reused = scene.surfaces.statistics.levels_reused
+    return f"{count}" + (f" ({reused} from the cache)" if reused else "")
 
 
 def error_line(errors: dict[str, float]) -> str:

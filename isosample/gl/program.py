@@ -14,6 +14,7 @@ from isosample.gl.shader_source import (
     read_shader,
     shader_root,
 )
+from isosample.tally import PROGRAMS, tally
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -172,6 +173,7 @@ def _stage_sources(
 def _compiled(build: Callable[[], Compiled], name: str, sources: Mapping[str, ShaderSource]) -> Compiled:
     import moderngl
 
+    tally(PROGRAMS)
     try:
         return build()
     except moderngl.Error as error:

@@ -25,6 +25,7 @@ import numpy.typing as npt
 from isosample.errors import InputError
 from isosample.integral.band_table import SMALLEST_TOLERANCE, BandTable, Optics, PanelRules
 from isosample.integral.checks import last_axis
+from isosample.tally import TRACERS, tally
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
@@ -145,6 +146,7 @@ class ReferenceTracer:
             )
         if panels < 1:
             raise InputError(f"panels {panels} must be a whole number >= 1.")
+        tally(TRACERS)
         rules = PanelRules.for_tolerance(tolerance)
         base = offset_of(*volume.value_range)
         bands = BandTable.from_transfer_function(transfer_function, base)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
+from isosample.tally import MESH_UPLOADS, tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -116,6 +117,7 @@ class DeviceMeshes:
     def upload(self, rows: I64, residual: int | None) -> Batch:
         """Put pieces on the GPU, after what is there was freed."""
         self.release()
+        tally(MESH_UPLOADS)
         size = int(bytes_of(self.chunks[rows], residual).sum())
         whole = len(rows) == len(self.chunks) and self._scene.source is None
         upload = self._upload_arrays if whole else self._upload_pieces

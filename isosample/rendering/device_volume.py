@@ -10,6 +10,7 @@ from isosample.errors import CapacityError
 from isosample.gl.context import limits
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import Filtering
+from isosample.tally import VOLUME_UPLOADS, tally
 from isosample.volume.lazy import lazily
 from isosample.volume.reconstruction import GridSpline, check_smooth
 
@@ -87,6 +88,7 @@ class DeviceVolume:
         hardware = HARDWARE_TRIPLES if negative else HARDWARE_PAIRS
         self._filtering = SHADER if layered else hardware
         self.sampler = "sampler2DArray" if layered else "sampler3D"
+        tally(VOLUME_UPLOADS)
         self._texture = _new_texture(ctx, (x, y, z), layered=layered)
         try:
             for z_start, block in _layers(volume if spline is None else spline, scale):

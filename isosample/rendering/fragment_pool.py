@@ -10,6 +10,7 @@ import numpy.typing as npt
 from isosample.gl.context import limits
 from isosample.rendering.frame import storage_dtype
 from isosample.rendering.programs import storage_bindings
+from isosample.tally import POOLS, tally
 
 if TYPE_CHECKING:
     import moderngl
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 HEAD_BYTES = 4
+ROOM = 1.25  # nodes asked for over those that are needed: other views of the scene then find room, too
 LIST_END_BYTES = b"\xff\xff\xff\xff"
 ZERO_BYTES = b"\0\0\0\0"
 
@@ -64,7 +66,7 @@ class FragmentPool:
         return 0 if self._nodes is None else self._nodes.size
 
     def grow(self, node_count: int, budget_bytes: int) -> bool:
-        """Make room for `node_count` nodes, or for as many as the budget and the driver allow.
+        """Make room for `node_count` nodes and some more, or for as many as the budget and the driver allow.
 
         Returns
         -------
@@ -73,10 +75,11 @@ class FragmentPool:
         """
         node_bytes = storage_dtype("Node").itemsize
         largest = min(self._block_bytes, budget_bytes) // node_bytes
-        wanted = min(max(node_count, 1), largest)
-        if wanted > self.capacity:
+        if min(max(node_count, 1), largest) > self.capacity:
+            wanted = min(max(int(ROOM * node_count), 1), largest)
             if self._nodes is not None:
                 self._nodes.release()
+            tally(POOLS)
             self._nodes = self._ctx.buffer(reserve=wanted * node_bytes)
         return node_count <= largest
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -57,13 +57,17 @@ class Image:
         path = Path(path)
         check_image_path(path)
         with replacing(path) as file:
-            if path.suffix.lower() == ".npy":
-                np.save(file, self.rgba, allow_pickle=False)
-            else:
-                import PIL.Image
-
-                PIL.Image.fromarray(self.srgb8()).save(file, format="PNG")
+            self.write(file, path.suffix)
         return path
+
+    def write(self, file: IO[bytes], suffix: str) -> None:
+        """Write the picture into an open file, in the format of a suffix that `save` knows."""
+        if suffix.lower() == ".npy":
+            np.save(file, self.rgba, allow_pickle=False)
+        else:
+            import PIL.Image
+
+            PIL.Image.fromarray(self.srgb8()).save(file, format="PNG")
 
 
 def srgb_from_linear(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:

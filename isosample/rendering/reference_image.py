@@ -75,30 +75,79 @@ def render_reference(
     InputError
         If shading is asked for, the volume is thin or not finite, or an option is out of range.
     """
-    width, height = check_size(size)
-    settings = settings or RenderSettings()
-    if settings.material is not None:
+    check_size(size)
+    check_unlit(settings)
+    renderer = ReferenceRenderer(
+        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, nan_masked=nan_masked
+    )
+    return renderer.render(camera=camera, size=size, settings=settings, progress=progress)
+
+
+class ReferenceRenderer:
+    """A volume and a transfer function, prepared for as many reference pictures as you like.
+
+    Parameters
+    ----------
+    volume, transfer_function, reconstruction, tolerance, nan_masked
+        As for `render_reference`.
+
+    Raises
+    ------
+    InputError
+        As `render_reference`.
+    """
+
+    def __init__(
+        self,
+        volume: Volume,
+        transfer_function: TransferFunction,
+        *,
+        reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+        tolerance: float = DEFAULT_TOLERANCE,
+        nan_masked: bool = False,
+    ) -> None:
+        check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
+        self._box, self._reconstruction = volume.box, reconstruction
+        started = time.perf_counter()
+        self._tracer = ReferenceTracer.build(
+            volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance
+        )
+        self._seconds = {"prepare": time.perf_counter() - started}
+
+    def render(
+        self,
+        *,
+        camera: Camera | None = None,
+        size: tuple[int, int] = DEFAULT_SIZE,
+        settings: RenderSettings | None = None,
+        progress: Progress | None = None,
+    ) -> Image:
+        """Render one picture; parameters and errors as `render_reference`."""
+        width, height = check_size(size)
+        settings = settings or RenderSettings()
+        check_unlit(settings)
+        camera = camera or Camera.orbit(self._box, aspect=width / height)
+        started = time.perf_counter()
+        origins, directions = camera.rays(width / height).origins_and_directions(width, height)
+        rgba, counts = self._tracer.integrate(
+            origins.reshape(-1, 3),
+            directions.reshape(-1, 3),
+            clip_planes=[(plane.nx, plane.ny, plane.nz, plane.d) for plane in settings.clip_planes],
+            progress=None if progress is None else lambda done, total: progress("render", done, total),
+        )
+        rgba += (1.0 - rgba[:, 3:]) * np.array(settings.background_premultiplied)
+        seconds = self._seconds | {"render": time.perf_counter() - started}
+        self._seconds = {}
+        statistics = _statistics(self._tracer, self._reconstruction, counts, (width, height), seconds)
+        return Image(rgba.reshape(height, width, 4).astype(np.float32), statistics)
+
+
+def check_unlit(settings: RenderSettings | None) -> None:
+    """Raise `InputError` if light is asked for, which the reference does not have."""
+    if settings is not None and settings.material is not None:
         raise InputError(
             "the reference has no shading, but a material is given; render it without shading (material=None)."
         )
-    check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
-    camera = camera or Camera.orbit(volume.box, aspect=width / height)
-    started = time.perf_counter()
-    tracer = ReferenceTracer.build(
-        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance
-    )
-    prepared = time.perf_counter()
-    origins, directions = camera.rays(width / height).origins_and_directions(width, height)
-    rgba, counts = tracer.integrate(
-        origins.reshape(-1, 3),
-        directions.reshape(-1, 3),
-        clip_planes=[(plane.nx, plane.ny, plane.nz, plane.d) for plane in settings.clip_planes],
-        progress=None if progress is None else lambda done, total: progress("render", done, total),
-    )
-    rgba += (1.0 - rgba[:, 3:]) * np.array(settings.background_premultiplied)
-    seconds = {"prepare": prepared - started, "render": time.perf_counter() - prepared}
-    statistics = _statistics(tracer, reconstruction, counts, (width, height), seconds)
-    return Image(rgba.reshape(height, width, 4).astype(np.float32), statistics)
 
 
 def _statistics(

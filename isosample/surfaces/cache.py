@@ -40,6 +40,7 @@ from isosample.surfaces.store import MeshStore, chunk_key, full_disk_explained
 from isosample.surfaces.stored_surfaces import StoredSurfaces
 from isosample.surfaces.surface_files import listed_key, read_rows, surface_key, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
+from isosample.tally import EXTRACTIONS, tally
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import BRICK_CELLS, bricks_of
@@ -285,6 +286,8 @@ def extract_with_cache(
     pieces, unlisted = wanted_pieces(folder, field, levels)
     found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
     missing = [piece for piece, mesh in found.items() if mesh is None]
+    if missing:
+        tally(EXTRACTIONS)
     found.update(extract_pieces(field, levels, missing, store, progress))
     meshes = {piece: mesh for piece, mesh in sorted(found.items()) if mesh is not None}
     surfaces = _surface_set(folder, field, levels, meshes, missing)

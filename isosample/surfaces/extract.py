@@ -21,6 +21,7 @@ from isosample.surfaces.settings import check_volume as check_volume
 from isosample.surfaces.surface_set import ExtractionStatistics as ExtractionStatistics
 from isosample.surfaces.surface_set import SurfaceSet as SurfaceSet
 from isosample.surfaces.surface_set import count_per_level
+from isosample.tally import EXTRACTIONS, tally
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
@@ -89,6 +90,7 @@ def extract_surfaces(
         residuals=residuals,
     )
     levels = check_isovalues(isovalues)
+    tally(EXTRACTIONS)
     volume = volume.in_memory()
     check_volume(volume, settings)
     spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
