@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
 ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
-SLOT_PLANES = 5  # edges along x and y in two planes of samples, and those along z between them
+ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,20 +90,25 @@ def march_levels(brick: BrickSamples, isovalues: F64) -> list[LocalMesh]:
 
 def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     """March a brick of the trilinear field."""
-    from isosample.surfaces import march_kernels
+    from isosample.surfaces import march_kernels, vertex_kernels
 
     planes, rows, columns = brick.padded.shape
     values, table = brick.padded.reshape(-1), march_table()
     ranks = np.empty(values.size, dtype=np.int16)
     march_kernels.count_ranks(values, levels, ranks)
-    capacity = (planes - 3) * (rows - 3) * (columns - 3)
+    cell_shape = (planes - 3, rows - 3, columns - 3)
+    capacity = int(np.prod(cell_shape))
     cells = np.empty(capacity, dtype=np.int32)
     lows, highs = np.empty(capacity, dtype=np.int16), np.empty(capacity, dtype=np.int16)
     steps = np.zeros(len(levels) + 1, dtype=np.int64)
     row_of_ranks = np.empty((2, columns), dtype=np.int16)
+    usable, fresh_edges = ALL_CELLS, ALL_FRESH
+    if brick.usable_cells is not None:
+        usable, fresh_edges = brick.usable_cells.view(np.uint8), np.empty(cell_shape, dtype=np.int16)
+        vertex_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
     cell_count, crossing_count = march_kernels.crossed_cells(
         ranks.reshape(brick.padded.shape),
-        ALL_CELLS if brick.usable_cells is None else brick.usable_cells.view(np.uint8),
+        usable,
         row_of_ranks[0],
         row_of_ranks[1],
         cells,
@@ -128,31 +133,41 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         pairs,
         triangle_counts,
     )
-    vertex_count = crossing_count + centre_count
+    triangle_start = _starts(triangle_counts)
+    triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
+    vertex_start = np.empty(len(levels) + 1, dtype=np.int64)
+    codes = np.empty(crossing_count + centre_count + 1, dtype=np.int32)
+    rings = np.empty((centre_count, vertex_kernels.RING), dtype=np.int32)
+    vertex_kernels.number_vertices(
+        columns,
+        columns * rows,
+        table,
+        fresh_edges,
+        pairs,
+        pair_start,
+        np.empty(vertex_kernels.SLOT_PLANES * columns * rows, dtype=np.int32),
+        codes,
+        rings,
+        triangles,
+        vertex_start,
+    )
+    vertex_count = int(vertex_start[-1])
+    nodes = np.empty((planes - 2, rows - 2, columns - 2, 4))
+    vertex_kernels.fill_nodes(brick.padded, nodes)
     positions = np.empty((vertex_count, 3), dtype=np.float32)
     gradients = np.empty((vertex_count, 3), dtype=np.float32)
     keys = np.empty(vertex_count, dtype=np.int64)
-    triangle_start = _starts(triangle_counts)
-    triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
-    vertex_start = np.zeros(len(levels) + 1, dtype=np.int64)
-    march_kernels.emit(
-        values,
-        columns,
-        columns * rows,
+    vertex_kernels.put_vertices(
+        nodes,
         levels,
-        table,
-        pairs,
-        pair_start,
+        codes,
+        rings,
+        vertex_start,
         brick.start,
         brick.size_xyz,
         positions,
         gradients,
         keys,
-        triangles,
-        vertex_start,
-        np.full(SLOT_PLANES * columns * rows, -1, dtype=np.int32),
-        np.empty((2, 12), dtype=np.int64),
-        np.empty(13, dtype=np.int32),
     )
     vertices, faces = vertex_start.tolist(), triangle_start.tolist()
     return [
