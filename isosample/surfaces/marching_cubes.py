@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
 ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
+TOGETHER = 1 << 16  # triangles whose arrays are one: below a megabyte the allocator uses memory again
 ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
 
@@ -133,52 +134,67 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         pairs,
         triangle_counts,
     )
-    triangle_start = _starts(triangle_counts)
-    triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
-    vertex_start = np.empty(len(levels) + 1, dtype=np.int64)
     codes = np.empty(crossing_count + centre_count + 1, dtype=np.int32)
     rings = np.empty((centre_count, vertex_kernels.RING), dtype=np.int32)
-    vertex_kernels.number_vertices(
-        columns,
-        columns * rows,
-        table,
-        fresh_edges,
-        pairs,
-        pair_start,
-        np.empty(vertex_kernels.SLOT_PLANES * columns * rows, dtype=np.int32),
-        codes,
-        rings,
-        triangles,
-        vertex_start,
-    )
-    vertex_count = int(vertex_start[-1])
+    slots = np.empty(vertex_kernels.SLOT_PLANES * columns * rows, dtype=np.int32)
     nodes = np.empty((planes - 2, rows - 2, columns - 2, 4))
     vertex_kernels.fill_nodes(brick.padded, nodes)
-    positions = np.empty((vertex_count, 3), dtype=np.float32)
-    gradients = np.empty((vertex_count, 3), dtype=np.float32)
-    keys = np.empty(vertex_count, dtype=np.int64)
-    vertex_kernels.put_vertices(
-        nodes,
-        levels,
-        codes,
-        rings,
-        vertex_start,
-        brick.start,
-        brick.size_xyz,
-        positions,
-        gradients,
-        keys,
-    )
-    vertices, faces = vertex_start.tolist(), triangle_start.tolist()
-    return [
-        LocalMesh(
-            positions=positions[vertices[k] : vertices[k + 1]],
-            gradients=gradients[vertices[k] : vertices[k + 1]],
-            keys=keys[vertices[k] : vertices[k + 1]],
-            triangles=triangles[faces[k] : faces[k + 1]],
+    meshes: list[LocalMesh] = []
+    for part in _parts(triangle_counts):
+        triangle_start = _starts(triangle_counts[part])
+        triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
+        vertex_start = np.empty(len(triangle_start), dtype=np.int64)
+        ring_count = vertex_kernels.number_vertices(
+            columns,
+            columns * rows,
+            table,
+            fresh_edges,
+            pairs,
+            pair_start[part.start : part.stop + 1],
+            slots,
+            codes,
+            rings,
+            triangles,
+            vertex_start,
         )
-        for k in range(len(levels))
-    ]
+        vertex_count = int(vertex_start[-1])
+        positions = np.empty((vertex_count, 3), dtype=np.float32)
+        gradients = np.empty((vertex_count, 3), dtype=np.float32)
+        keys = np.empty(vertex_count, dtype=np.int64)
+        vertex_kernels.put_vertices(
+            nodes,
+            levels[part],
+            codes,
+            rings[:ring_count],
+            vertex_start,
+            brick.start,
+            brick.size_xyz,
+            positions,
+            gradients,
+            keys,
+        )
+        vertices, faces = vertex_start.tolist(), triangle_start.tolist()
+        meshes += [
+            LocalMesh(
+                positions=positions[vertices[k] : vertices[k + 1]],
+                gradients=gradients[vertices[k] : vertices[k + 1]],
+                keys=keys[vertices[k] : vertices[k + 1]],
+                triangles=triangles[faces[k] : faces[k + 1]],
+            )
+            for k in range(len(faces) - 1)
+        ]
+    return meshes
+
+
+def _parts(triangle_counts: I64) -> list[slice]:
+    """Ranges of levels with about `TOGETHER` triangles each."""
+    parts, first, total = [], 0, 0
+    for level, count in enumerate(triangle_counts.tolist()):
+        if total and total + count > TOGETHER:
+            parts.append(slice(first, level))
+            first, total = level, 0
+        total += count
+    return [*parts, slice(first, len(triangle_counts))]
 
 
 def _starts(counts: I64) -> I64:

@@ -88,8 +88,8 @@ def number_vertices(
     rings: I32,
     triangles: I32,
     vertex_start: I64,
-) -> None:
-    """Number the vertices of all levels, and fill in the triangles.
+) -> int:
+    """Number the vertices of some levels, and fill in the triangles.
 
     Parameters
     ----------
@@ -99,17 +99,21 @@ def number_vertices(
     fresh_of_cell : (Z − 1, Y − 1, X − 1) int16
         As `find_fresh_edges` leaves it; empty where all cells may be crossed.
     pairs, pair_start
-        As `sort_by_level` leaves them.
+        As `sort_by_level` leaves them; L + 1 of the latter.
     slots : (6 · plane,) int32
         Room, of any content.
     codes : (V + 1,) int32
         Out: place of the sample below each vertex, with the axis of its grid edge in the upper bits.
     rings : (C, 14) int32
-        Out: vertices inside cells, with those around them, counted from the first one of all levels.
+        Out: vertices inside cells, with those around them, counted from the first one of these levels.
     triangles : (T, 3) int32
         Out; vertices are numbered within the level.
     vertex_start : (L + 1,) int64
         Out.
+
+    Returns
+    -------
+    ring_count : int
 
     Notes
     -----
@@ -132,7 +136,7 @@ def number_vertices(
             x = code & COORDINATE_MASK
             y = code >> COORDINATE_BITS & COORDINATE_MASK
             z = cell >> 2 * COORDINATE_BITS
-            across, of = y * row + x, of_edge[z & 1]
+            across, odd = y * row + x, z & 1
             if fresh_of_cell.size:
                 fresh = int(fresh_of_cell[z, y, x])
             else:
@@ -141,33 +145,34 @@ def number_vertices(
             if fresh == INNER_EDGES:
                 for edge in (3, 7, 11):
                     codes[vertex] = cell + below[edge]
-                    slots[of[edge] + across] = vertex - level_start
+                    slots[of_edge[odd, edge] + across] = vertex - level_start
                     vertex += cut >> edge & 1
             else:
                 for edge in range(12):
                     if (fresh & cut) >> edge & 1:
                         codes[vertex] = cell + below[edge]
-                        slots[of[edge] + across] = vertex - level_start
+                        slots[of_edge[odd, edge] + across] = vertex - level_start
                         vertex += 1
             around = int(centre_edges[case])
             if around:
                 codes[vertex] = cell + below[12]
-                slots[of[12] + across] = vertex - level_start
+                slots[of_edge[odd, 12] + across] = vertex - level_start
                 rings[ring, 0] = vertex
                 count = 0
                 for edge in range(12):
                     if around >> edge & 1:
-                        rings[ring, 2 + count] = slots[of[edge] + across] + level_start
+                        rings[ring, 2 + count] = slots[of_edge[odd, edge] + across] + level_start
                         count += 1
                 rings[ring, 1] = count
                 vertex += 1
                 ring += 1
             for r in range(triangle_start[case], triangle_start[case + 1]):
-                triangles[triangle, 0] = slots[of[rows[r, 0]] + across]
-                triangles[triangle, 1] = slots[of[rows[r, 1]] + across]
-                triangles[triangle, 2] = slots[of[rows[r, 2]] + across]
+                triangles[triangle, 0] = slots[of_edge[odd, rows[r, 0]] + across]
+                triangles[triangle, 1] = slots[of_edge[odd, rows[r, 1]] + across]
+                triangles[triangle, 2] = slots[of_edge[odd, rows[r, 2]] + across]
                 triangle += 1
     vertex_start[len(pair_start) - 1] = vertex
+    return ring
 
 
 @compiled
@@ -261,9 +266,9 @@ def put_vertices(
             y = code >> COORDINATE_BITS & COORDINATE_MASK
             z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
             keys[n] = axis + 3 * (first + x + size[0] * (y + size[1] * z))
-            near = samples[x + row * y + plane * z]
-            far = samples[x + row * y + plane * z + (1 if axis == 0 else row if axis == 1 else plane)]
-            fraction = (isovalue - near[0]) / (far[0] - near[0])
+            a = x + row * y + plane * z
+            b = a + (1 if axis == 0 else row if axis == 1 else plane)
+            fraction = (isovalue - samples[a, 0]) / (samples[b, 0] - samples[a, 0])
             fraction = min(max(fraction, SMALLEST_FRACTION), 1.0 - SMALLEST_FRACTION)
             fraction = whole(fraction * POSITION_STEPS) / POSITION_STEPS
             positions[n, 0] = x + (fraction if axis == 0 else 0.0)
@@ -272,9 +277,9 @@ def put_vertices(
             put_gradient(
                 gradients,
                 n,
-                near[1] + fraction * (far[1] - near[1]),
-                near[2] + fraction * (far[2] - near[2]),
-                near[3] + fraction * (far[3] - near[3]),
+                samples[a, 1] + fraction * (samples[b, 1] - samples[a, 1]),
+                samples[a, 2] + fraction * (samples[b, 2] - samples[a, 2]),
+                samples[a, 3] + fraction * (samples[b, 3] - samples[a, 3]),
             )
     inner_keys = 3 * size[0] * size[1] * size[2]
     for m in range(len(rings)):
