@@ -11,6 +11,7 @@ import numpy.typing as npt
 from isosample.surfaces.brick_samples import gradients_at
 from isosample.surfaces.case_tables import march_table
 from isosample.surfaces.positions import POSITION_STEPS, SMALLEST_FRACTION
+from isosample.surfaces.scratch import SCRATCH
 
 if TYPE_CHECKING:
     from isosample.surfaces.brick_samples import BrickSamples
@@ -95,17 +96,18 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
 
     planes, rows, columns = brick.padded.shape
     values, table = brick.padded.reshape(-1), march_table()
-    ranks = np.empty(values.size, dtype=np.int16)
+    ranks = SCRATCH.room("ranks", values.size, np.int16)
     march_kernels.count_ranks(values, levels, ranks)
     cell_shape = (planes - 3, rows - 3, columns - 3)
     capacity = int(np.prod(cell_shape))
-    cells = np.empty(capacity, dtype=np.int32)
-    lows, highs = np.empty(capacity, dtype=np.int16), np.empty(capacity, dtype=np.int16)
+    cells = SCRATCH.room("cells", capacity, np.int32)
+    lows = SCRATCH.room("lows", capacity, np.int16)
+    highs = SCRATCH.room("highs", capacity, np.int16)
     steps = np.zeros(len(levels) + 1, dtype=np.int64)
-    row_of_ranks = np.empty((2, columns), dtype=np.int16)
+    row_of_ranks = SCRATCH.room("row of ranks", (2, columns), np.int16)
     usable, fresh_edges = ALL_CELLS, ALL_FRESH
     if brick.usable_cells is not None:
-        usable, fresh_edges = brick.usable_cells.view(np.uint8), np.empty(cell_shape, dtype=np.int16)
+        usable, fresh_edges = brick.usable_cells.view(np.uint8), SCRATCH.room("fresh edges", cell_shape, np.int16)
         vertex_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
     cell_count, crossing_count = march_kernels.crossed_cells(
         ranks.reshape(brick.padded.shape),
@@ -118,7 +120,7 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         steps,
     )
     pair_start = _starts(np.cumsum(steps[:-1]))
-    pairs = np.empty(pair_start[-1], dtype=np.int32)
+    pairs = SCRATCH.room("pairs", int(pair_start[-1]), np.int32)
     triangle_counts = np.zeros(len(levels), dtype=np.int64)
     centre_count = march_kernels.sort_by_level(
         values,
@@ -134,10 +136,10 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         pairs,
         triangle_counts,
     )
-    codes = np.empty(crossing_count + centre_count + 1, dtype=np.int32)
-    rings = np.empty((centre_count, vertex_kernels.RING), dtype=np.int32)
-    slots = np.empty(vertex_kernels.SLOT_PLANES * columns * rows, dtype=np.int32)
-    nodes = np.empty((planes - 2, rows - 2, columns - 2, 4))
+    codes = SCRATCH.room("codes", crossing_count + centre_count + 1, np.int32)
+    rings = SCRATCH.room("rings", (centre_count, vertex_kernels.RING), np.int32)
+    slots = SCRATCH.room("slots", vertex_kernels.SLOT_PLANES * columns * rows, np.int32)
+    nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
     vertex_kernels.fill_nodes(brick.padded, nodes)
     meshes: list[LocalMesh] = []
     for part in _parts(triangle_counts):

@@ -282,7 +282,7 @@ def _parts(job: Job, brick: Brick, settings: ExtractionSettings, budget: int) ->
 
 def _visit(volume: Volume, brick: Brick, job: Job, place: _Place) -> list[Rows]:
     """Extract one brick, keep its pieces, and tell what they are."""
-    samples = load_brick(volume, brick)
+    samples = load_brick(volume, brick, passing=True)
     meshes = {
         mesh.isovalue: mesh for mesh in extract_brick(samples, job.isovalues, brick, volume, place.settings)
     }
