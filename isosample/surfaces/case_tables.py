@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 EDGES = 12
+CENTRE_BIT = 7  # of `MarchTable.triangle_count`
 CENTRE = 12  # vertex number of a loop's centre, behind the 12 edges
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
@@ -124,15 +125,15 @@ class MarchTable(NamedTuple):
     ----------
     ambiguous_faces : (256,) uint8
     case_of : (256, 64) int16
+    triangle_count : (C,) uint8
+        In the lower bits; bit `CENTRE_BIT` is set where the case has a centre vertex.
     triangle_start : (C + 1,) int32
         The rows of a case begin here; those of the next one end it.
-    triangles : (N, 3) int8
+    triangles : (N, 3) uint8
     cut_edges : (C,) int16
         Bit `e` is set where edge `e` is cut.
     centre_edges : (C,) int16
         Bit `e` is set where edge `e` surrounds the centre vertex.
-    faces : (6, 4) int8
-        Corners of the faces.
     lower_corner : (12,) int8
         Lower corner of each edge.
     fresh_edges : (8,) int16
@@ -142,11 +143,11 @@ class MarchTable(NamedTuple):
 
     ambiguous_faces: npt.NDArray[np.uint8]
     case_of: npt.NDArray[np.int16]
+    triangle_count: npt.NDArray[np.uint8]
     triangle_start: npt.NDArray[np.int32]
-    triangles: npt.NDArray[np.int8]
+    triangles: npt.NDArray[np.uint8]
     cut_edges: npt.NDArray[np.int16]
     centre_edges: npt.NDArray[np.int16]
-    faces: npt.NDArray[np.int8]
     lower_corner: npt.NDArray[np.int8]
     fresh_edges: npt.NDArray[np.int16]
 
@@ -167,11 +168,11 @@ def march_table() -> MarchTable:
     return MarchTable(
         ambiguous_faces=table.ambiguous_faces,
         case_of=table.case_of,
+        triangle_count=(table.triangle_count | table.centre_edges.any(axis=1) << CENTRE_BIT).astype(np.uint8),
         triangle_start=np.append(table.triangle_start, len(table.triangles)).astype(np.int32),
-        triangles=table.triangles,
+        triangles=table.triangles.astype(np.uint8),
         cut_edges=(cut @ bits).astype(np.int16),
         centre_edges=(table.centre_edges @ bits).astype(np.int16),
-        faces=FACE_CORNERS.astype(np.int8),
         lower_corner=EDGE_LOWER_CORNER.astype(np.int8),
         fresh_edges=((behind @ near.T == 0) @ bits).astype(np.int16),
     )

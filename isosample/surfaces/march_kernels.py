@@ -10,28 +10,17 @@ exist. Vertices are numbered as they are first met, cell by cell in the order x,
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isosample.compiled import compiled
-from isosample.surfaces.positions import (
-    LARGEST_MANTISSA,
-    MANTISSA_BITS,
-    POSITION_STEPS,
-    SMALLEST_EXPONENT,
-    SMALLEST_FRACTION,
-)
+from isosample.surfaces.case_tables import CENTRE_BIT, FACE_CORNERS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from isosample.surfaces.case_tables import MarchTable
-
-    F32 = npt.NDArray[np.float32]
     F64 = npt.NDArray[np.float64]
-    I8 = npt.NDArray[np.int8]
     I16 = npt.NDArray[np.int16]
     I32 = npt.NDArray[np.int32]
     I64 = npt.NDArray[np.int64]
@@ -42,8 +31,9 @@ RANK_BLOCK = 1024  # samples ranked at a time: they and their ranks stay in the 
 COORDINATE_BITS = 6  # of a cell's place along an axis
 COORDINATE_MASK = (1 << COORDINATE_BITS) - 1
 CASE_SHIFT = 3 * COORDINATE_BITS
-ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
-BOUND = float(LARGEST_MANTISSA)
+FACES: tuple[tuple[int, ...], ...] = tuple(tuple(ring) for ring in FACE_CORNERS.tolist())
+CLOSE = 1e-12  # products that differ by less of the larger one are compared with more care,
+TINY = 1e-200  # and those that are not larger than this
 
 
 @compiled
@@ -72,83 +62,96 @@ def count_ranks(values: F64, levels: F64, ranks: I16) -> None:
 
 @compiled
 def crossed_cells(
-    ranks: I16, usable: U8, smallest: I16, largest: I16, cells: I32, lows: I16, highs: I16, steps: I64
-) -> tuple[int, int]:
-    """List the cells that isovalues cross: place, first level, last level + 1.
+    ranks: I16, usable: U8, extremes: I16, cells: I32, lows: I16, highs: I16, pair_start: I64
+) -> int:
+    """List the cells that isovalues cross: place, first level, last level + 1; return how many they are.
 
     Parameters
     ----------
     ranks : (Z + 2, Y + 2, X + 2) int16
     usable : (Z − 1, Y − 1, X − 1) uint8
         Which cells may be crossed; empty where all may.
-    smallest, largest : (X + 2,) int16
+    extremes : (2, X + 2) int16
         Room for one row.
     cells, lows, highs : (C,) int32, int16, int16
         Out; room for all cells.
-    steps : (L + 1,) int64
-        Out, from zeros: their running sum is the number of cells that each level crosses.
-
-    Returns
-    -------
-    cell_count : int
-    crossing_count : int
-        How often levels cut the edges between samples.
+    pair_start : (L + 1,) int64
+        Out: where the pairs of each level begin among all (cell, level) pairs ordered by level.
     """
     planes, rows, columns = ranks.shape
-    cell_count, crossing_count = 0, 0
-    for z in range(1, planes - 1):
-        for y in range(1, rows - 1):
-            behind, above = min(y + 1, rows - 2), min(z + 1, planes - 2)  # the row itself behind the last one
-            a, b = ranks[z, y], ranks[z, behind]
-            c, d = ranks[above, y], ranks[above, behind]
+    smallest, largest = extremes[0], extremes[1]
+    pair_start[:] = 0
+    count = 0
+    for z in range(1, planes - 2):
+        for y in range(1, rows - 2):
+            a, b = ranks[z, y], ranks[z, y + 1]
+            c, d = ranks[z + 1, y], ranks[z + 1, y + 1]
             for x in range(columns):
                 smallest[x] = min(min(a[x], b[x]), min(c[x], d[x]))
                 largest[x] = max(max(a[x], b[x]), max(c[x], d[x]))
-            crossings = np.int32(0)
-            for x in range(1, columns - 1):
-                crossings += abs(np.int32(b[x]) - np.int32(a[x])) + abs(np.int32(c[x]) - np.int32(a[x]))
             differing = np.int16(0)
             for x in range(1, columns - 2):
-                crossings += abs(np.int32(a[x + 1]) - np.int32(a[x]))
                 smallest[x] = min(smallest[x], smallest[x + 1])
                 largest[x] = max(largest[x], largest[x + 1])
                 differing |= smallest[x] ^ largest[x]
-            crossing_count += int(crossings)
-            if differing == 0 or behind == y or above == z:
+            if differing == 0:
                 continue
+            first = (y - 1) << COORDINATE_BITS | (z - 1) << 2 * COORDINATE_BITS
             for x in range(1, columns - 2):
                 low, high = smallest[x], largest[x]
                 if low == high or (usable.size and not usable[z - 1, y - 1, x - 1]):
                     continue
-                cells[cell_count] = x - 1 | y - 1 << COORDINATE_BITS | z - 1 << 2 * COORDINATE_BITS
-                lows[cell_count], highs[cell_count] = low, high
-                cell_count += 1
-                steps[low] += 1
-                steps[high] -= 1
-    return cell_count, crossing_count
+                cells[count] = first + x - 1
+                lows[count], highs[count] = low, high
+                count += 1
+                pair_start[low] += 1
+                pair_start[high] -= 1
+    crossed = pairs = 0
+    for level in range(len(pair_start)):
+        crossed += pair_start[level]
+        pair_start[level] = pairs
+        pairs += crossed
+    return count
 
 
 @compiled
 def joined_faces(
-    values: F64, first: int, row: int, plane: int, isovalue: float, ambiguous: int, faces: I8
+    values: F64, first: int, row: int, plane: int, isovalue: float, ambiguous: int, heights: F64
 ) -> int:
-    """Bit `f` is set where the inside corners of ambiguous face `f` of the cell are joined.
+    """Bit `f` is set where the inside corners of ambiguous face `f` of the cell are joined; of others it is any.
 
     With the isovalue subtracted, a and c on one diagonal and b and d on the other, the saddle of the bilinear
     interpolant is (a c − b d) / (a + c − b − d). The products are the same in both cells at the face.
+
+    `heights` (8,) is room for the values at the corners. What counts is which of the products is larger after
+    all four values have been divided by the largest, which keeps the products from overflow and underflow. Each
+    rounding moves a product by 2**-53 of it, so that the products of the values themselves tell, unless they agree
+    in 12 digits or are tiny (abs(value − isovalue) is below 2**129, see `check_volume`).
     """
+    for corner in range(8):
+        heights[corner] = values[corner_index(first, row, plane, corner)] - isovalue
+    decisions, doubtful = 0, 0
+    for face in range(6):
+        ring = FACES[face]
+        a = heights[ring[0]]
+        one, other = a * heights[ring[2]], heights[ring[1]] * heights[ring[3]]
+        larger = max(one, other)
+        doubtful |= (not (abs(one - other) > CLOSE * larger and larger > TINY)) << face
+        decisions |= ((one > other) == (a >= 0.0)) << face
+    return decisions if doubtful & ambiguous == 0 else scaled_decisions(heights, ambiguous)
+
+
+@compiled
+def scaled_decisions(heights: F64, ambiguous: int) -> int:
+    """Decide as `joined_faces`, by values divided by the largest of the face."""
     decisions = 0
     for face in range(6):
-        if not ambiguous >> face & 1:
-            continue
-        a = values[corner_index(first, row, plane, faces[face, 0])] - isovalue
-        b = values[corner_index(first, row, plane, faces[face, 1])] - isovalue
-        c = values[corner_index(first, row, plane, faces[face, 2])] - isovalue
-        d = values[corner_index(first, row, plane, faces[face, 3])] - isovalue
-        scale = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
-        saddle = (a / scale) * (c / scale) - (b / scale) * (d / scale)
-        if (saddle >= 0.0) if a >= 0.0 else (saddle <= 0.0):
-            decisions |= 1 << face
+        if ambiguous >> face & 1:
+            ring = FACES[face]
+            a, b, c, d = heights[ring[0]], heights[ring[1]], heights[ring[2]], heights[ring[3]]
+            scale = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
+            saddle = (a / scale) * (c / scale) - (b / scale) * (d / scale)
+            decisions |= (saddle >= 0.0 if a >= 0.0 else saddle <= 0.0) << face
     return decisions
 
 
@@ -165,11 +168,13 @@ def sort_by_level(
     row: int,
     plane: int,
     levels: F64,
-    table: MarchTable,
+    ambiguous_faces: U8,
+    case_of: I16,
+    triangle_count: U8,
     cells: I32,
     lows: I16,
     highs: I16,
-    following: I64,
+    pair_start: I64,
     pairs: I32,
     triangle_counts: I64,
 ) -> int:
@@ -181,23 +186,22 @@ def sort_by_level(
     row, plane : int
         From a sample to the next along y and z.
     levels : (L,) float64
-    table : MarchTable
-    cells, lows, highs
-        As `crossed_cells` leaves them, cut to the number of cells.
-    following : (L,) int64
-        Where the pairs of each level begin; changed.
+    ambiguous_faces, case_of, triangle_count
+        Of `MarchTable`.
+    cells, lows, highs, pair_start
+        As `crossed_cells` leaves them, the first three cut to the number of cells.
     pairs : (P,) int32
         Out: the cell's place with the case in the upper bits.
     triangle_counts : (L,) int64
-        Out, from zeros.
+        Out.
 
     Returns
     -------
     centre_count : int
         Vertices inside cells, of all levels.
     """
-    ambiguous_faces, case_of, faces = table.ambiguous_faces, table.case_of, table.faces
-    triangle_start, centre_edges = table.triangle_start, table.centre_edges
+    following, heights = pair_start.copy(), np.empty(8)
+    triangle_counts[:] = 0
     centre_count = 0
     for n in range(len(cells)):
         cell = cells[n]
@@ -212,12 +216,13 @@ def sort_by_level(
             ambiguous = ambiguous_faces[signs]
             decisions = 0
             if ambiguous:
-                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, faces)
+                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, heights)
             case = case_of[signs, decisions]
             pairs[following[k]] = cell | np.int32(case) << CASE_SHIFT
             following[k] += 1
-            triangle_counts[k] += triangle_start[case + 1] - triangle_start[case]
-            centre_count += centre_edges[case] != 0
+            count = triangle_count[case]
+            triangle_counts[k] += count & (1 << CENTRE_BIT) - 1
+            centre_count += count >> CENTRE_BIT
     return centre_count
 
 

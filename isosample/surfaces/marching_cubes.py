@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
 ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
+MOST_VERTICES = 13  # of a cell
 TOGETHER = 1 << 16  # triangles whose arrays are one: below a megabyte the allocator uses memory again
 ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
@@ -99,44 +101,36 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     ranks = SCRATCH.room("ranks", values.size, np.int16)
     march_kernels.count_ranks(values, levels, ranks)
     cell_shape = (planes - 3, rows - 3, columns - 3)
-    capacity = int(np.prod(cell_shape))
+    capacity = math.prod(cell_shape)
     cells = SCRATCH.room("cells", capacity, np.int32)
-    lows = SCRATCH.room("lows", capacity, np.int16)
-    highs = SCRATCH.room("highs", capacity, np.int16)
-    steps = np.zeros(len(levels) + 1, dtype=np.int64)
-    row_of_ranks = SCRATCH.room("row of ranks", (2, columns), np.int16)
+    lows, highs = SCRATCH.room("lows and highs", (2, capacity), np.int16)
     usable, fresh_edges = ALL_CELLS, ALL_FRESH
     if brick.usable_cells is not None:
-        usable, fresh_edges = brick.usable_cells.view(np.uint8), SCRATCH.room("fresh edges", cell_shape, np.int16)
+        usable, fresh_edges = brick.usable_cells.view(np.uint8), SCRATCH.room("fresh", cell_shape, np.int16)
         vertex_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
-    cell_count, crossing_count = march_kernels.crossed_cells(
-        ranks.reshape(brick.padded.shape),
-        usable,
-        row_of_ranks[0],
-        row_of_ranks[1],
-        cells,
-        lows,
-        highs,
-        steps,
+    pair_start = np.empty(len(levels) + 1, dtype=np.int64)
+    extremes = SCRATCH.room("extremes", (2, columns), np.int16)
+    cell_count = march_kernels.crossed_cells(
+        ranks.reshape(brick.padded.shape), usable, extremes, cells, lows, highs, pair_start
     )
-    pair_start = _starts(np.cumsum(steps[:-1]))
     pairs = SCRATCH.room("pairs", int(pair_start[-1]), np.int32)
-    triangle_counts = np.zeros(len(levels), dtype=np.int64)
+    triangle_counts = np.empty(len(levels), dtype=np.int64)
     centre_count = march_kernels.sort_by_level(
         values,
         ranks,
         columns,
         columns * rows,
         levels,
-        table,
+        table.ambiguous_faces,
+        table.case_of,
+        table.triangle_count,
         cells[:cell_count],
         lows[:cell_count],
         highs[:cell_count],
-        pair_start[:-1].copy(),
+        pair_start,
         pairs,
         triangle_counts,
     )
-    codes = SCRATCH.room("codes", crossing_count + centre_count + 1, np.int32)
     rings = SCRATCH.room("rings", (centre_count, vertex_kernels.RING), np.int32)
     slots = SCRATCH.room("slots", vertex_kernels.SLOT_PLANES * columns * rows, np.int32)
     nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
@@ -144,6 +138,9 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     meshes: list[LocalMesh] = []
     for part in _parts(triangle_counts):
         triangle_start = _starts(triangle_counts[part])
+        pair_range = pair_start[part.start : part.stop + 1]
+        most_vertices = MOST_VERTICES * int(pair_range[-1] - pair_range[0]) + 1
+        codes = SCRATCH.room("codes", most_vertices, np.int32)
         triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
         vertex_start = np.empty(len(triangle_start), dtype=np.int64)
         ring_count = vertex_kernels.number_vertices(
@@ -152,7 +149,7 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
             table,
             fresh_edges,
             pairs,
-            pair_start[part.start : part.stop + 1],
+            pair_range,
             slots,
             codes,
             rings,

@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     U8 = npt.NDArray[np.uint8]
 
 CELL_MASK = (1 << CASE_SHIFT) - 1
+BLOCK = 128  # vertices that are interpolated at a time, a core taking many at once
 INNER_EDGES = 1 << 3 | 1 << 7 | 1 << 11  # that a cell with cells behind it on all sides has alone
 CENTRE_AXIS = 3  # stands for the axis of a vertex inside a cell
+POSITIVE = 0xFFFFFF  # spares the compiler the question whether an index counts from the end
 RING = 14  # what is kept of such a vertex: its number, how many surround it, and their numbers
 SLOT_PLANES = 6  # edges along x and y in two planes of samples, those along z between them, and insides of cells
 ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
@@ -143,10 +145,16 @@ def number_vertices(
                 fresh = int(fresh_edges[(x > 0) | (y > 0) << 1 | (z > 0) << 2])
             cut = int(cut_edges[case])
             if fresh == INNER_EDGES:
-                for edge in (3, 7, 11):
-                    codes[vertex] = cell + below[edge]
-                    slots[of_edge[odd, edge] + across] = vertex - level_start
-                    vertex += cut >> edge & 1
+                number = vertex - level_start
+                codes[vertex] = cell + below[3]
+                slots[(of_edge[odd, 3] + across) & POSITIVE] = number
+                second = number + (cut >> 3 & 1)
+                codes[level_start + second] = cell + below[7]
+                slots[(of_edge[odd, 7] + across) & POSITIVE] = second
+                third = second + (cut >> 7 & 1)
+                codes[level_start + third] = cell + below[11]
+                slots[(of_edge[odd, 11] + across) & POSITIVE] = third
+                vertex = level_start + third + (cut >> 11 & 1)
             else:
                 for edge in range(12):
                     if (fresh & cut) >> edge & 1:
@@ -167,9 +175,9 @@ def number_vertices(
                 vertex += 1
                 ring += 1
             for r in range(triangle_start[case], triangle_start[case + 1]):
-                triangles[triangle, 0] = slots[of_edge[odd, rows[r, 0]] + across]
-                triangles[triangle, 1] = slots[of_edge[odd, rows[r, 1]] + across]
-                triangles[triangle, 2] = slots[of_edge[odd, rows[r, 2]] + across]
+                triangles[triangle, 0] = slots[(of_edge[odd, rows[r, 0]] + across) & POSITIVE]
+                triangles[triangle, 1] = slots[(of_edge[odd, rows[r, 1]] + across) & POSITIVE]
+                triangles[triangle, 2] = slots[(of_edge[odd, rows[r, 2]] + across) & POSITIVE]
                 triangle += 1
     vertex_start[len(pair_start) - 1] = vertex
     return ring
@@ -255,32 +263,35 @@ def put_vertices(
     plane = nodes.shape[1] * row
     samples = nodes.reshape(-1, 4)
     first = start[0] + size[0] * (start[1] + size[1] * start[2])
+    block, strides = np.zeros(8 * BLOCK), np.array([1, row, plane, 0])
     for level in range(len(levels)):
         isovalue = levels[level]
-        for n in range(vertex_start[level], vertex_start[level + 1]):
-            code = codes[n]
-            axis = code >> CASE_SHIFT
-            if axis == CENTRE_AXIS:
-                continue
-            x = code & COORDINATE_MASK
-            y = code >> COORDINATE_BITS & COORDINATE_MASK
-            z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
-            keys[n] = axis + 3 * (first + x + size[0] * (y + size[1] * z))
-            a = x + row * y + plane * z
-            b = a + (1 if axis == 0 else row if axis == 1 else plane)
-            fraction = (isovalue - samples[a, 0]) / (samples[b, 0] - samples[a, 0])
-            fraction = min(max(fraction, SMALLEST_FRACTION), 1.0 - SMALLEST_FRACTION)
-            fraction = whole(fraction * POSITION_STEPS) / POSITION_STEPS
-            positions[n, 0] = x + (fraction if axis == 0 else 0.0)
-            positions[n, 1] = y + (fraction if axis == 1 else 0.0)
-            positions[n, 2] = z + (fraction if axis == 2 else 0.0)
-            put_gradient(
-                gradients,
-                n,
-                samples[a, 1] + fraction * (samples[b, 1] - samples[a, 1]),
-                samples[a, 2] + fraction * (samples[b, 2] - samples[a, 2]),
-                samples[a, 3] + fraction * (samples[b, 3] - samples[a, 3]),
-            )
+        for begin in range(vertex_start[level], vertex_start[level + 1], BLOCK):
+            count = min(BLOCK, vertex_start[level + 1] - begin)
+            for i in range(count):
+                code = codes[begin + i]
+                axis = code >> CASE_SHIFT
+                x = code & COORDINATE_MASK
+                y = code >> COORDINATE_BITS & COORDINATE_MASK
+                z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
+                keys[begin + i] = axis + 3 * (first + x + size[0] * (y + size[1] * z))
+                a = x + row * y + plane * z
+                b = a + strides[axis]
+                for c in range(4):
+                    block[i + c * BLOCK] = samples[a, c]
+                    block[i + (4 + c) * BLOCK] = samples[b, c]
+            interpolate(isovalue, block)
+            for i in range(count):
+                n = begin + i
+                code = codes[n]
+                axis = min(code >> CASE_SHIFT, 2)  # of a vertex inside a cell any: it gets its place below
+                positions[n, 0] = code & COORDINATE_MASK
+                positions[n, 1] = code >> COORDINATE_BITS & COORDINATE_MASK
+                positions[n, 2] = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
+                positions[n, axis] += np.float32(block[i])
+                gradients[n, 0] = block[i + BLOCK]
+                gradients[n, 1] = block[i + 2 * BLOCK]
+                gradients[n, 2] = block[i + 3 * BLOCK]
     inner_keys = 3 * size[0] * size[1] * size[2]
     for m in range(len(rings)):
         n = rings[m, 0]
@@ -289,6 +300,32 @@ def put_vertices(
         z = codes[n] >> 2 * COORDINATE_BITS & COORDINATE_MASK
         keys[n] = inner_keys + first + x + size[0] * (y + size[1] * z)
         put_mean(n, rings[m, 2 : 2 + rings[m, 1]], (x, y, z), positions, gradients)
+
+
+@compiled
+def interpolate(isovalue: float, block: F64) -> None:
+    """Replace samples and slopes at the ends of edges by the fractions of the way and the gradients there.
+
+    Rows of `BLOCK` numbers: sample and slopes along x, y, z at the lower ends, and the same at the upper ones. In
+    the first four rows are the fraction and the gradient afterwards, rounded as vertices are.
+    """
+    for i in range(BLOCK):
+        low = block[i]
+        fraction = (isovalue - low) / (block[i + 4 * BLOCK] - low)
+        fraction = min(max(fraction, SMALLEST_FRACTION), 1.0 - SMALLEST_FRACTION)
+        fraction = whole(fraction * POSITION_STEPS) / POSITION_STEPS
+        ax, ay, az = block[i + BLOCK], block[i + 2 * BLOCK], block[i + 3 * BLOCK]
+        gx = ax + fraction * (block[i + 5 * BLOCK] - ax)
+        gy = ay + fraction * (block[i + 6 * BLOCK] - ay)
+        gz = az + fraction * (block[i + 7 * BLOCK] - az)
+        bits = np.float64(max(abs(gx), max(abs(gy), abs(gz)))).view(np.int64)
+        exponent = max((bits >> 52) - 1022, SMALLEST_EXPONENT)
+        steps = np.int64((1023 + MANTISSA_BITS - exponent) << 52).view(np.float64)
+        step = np.int64((1023 - MANTISSA_BITS + exponent) << 52).view(np.float64)
+        block[i] = fraction
+        block[i + BLOCK] = mantissa_of(gx * steps) * step + 0.0
+        block[i + 2 * BLOCK] = mantissa_of(gy * steps) * step + 0.0
+        block[i + 3 * BLOCK] = mantissa_of(gz * steps) * step + 0.0
 
 
 @compiled
