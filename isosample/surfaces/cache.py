@@ -400,7 +400,7 @@ def _kept_rows(
     geometry, settings = surfaces.geometry, surfaces.settings
     bricks = bricks_of(geometry.size_xyz, settings.brick_cells)
     row_of = {brick.index: row for row, brick in enumerate(bricks)}
-    mirrored = bool(np.linalg.det(geometry.direction) < 0)
+    mirrored = geometry.left_handed
     kept: dict[Piece, BrickMesh] = {}
     for mesh in surfaces.pieces(level):
         row = row_of[mesh.brick]

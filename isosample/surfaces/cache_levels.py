@@ -80,7 +80,7 @@ class Field:
         content = self.scan.digests[row].tobytes().hex()
         if self.settings.reconstruction.smooth:
             content = content_in_place(self.content_hash, row)
-        mirrored = bool(np.linalg.det(self.volume.direction) < 0)
+        mirrored = self.volume.geometry.left_handed
         return chunk_key(content, isovalue, self.volume.spacing, self.settings, mirrored=mirrored)
 
     def extract(self, row: int, isovalues: F64) -> list[BrickMesh]:

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces.mesh import BrickMesh
+from isosample.surfaces.mesh import BrickMesh, no_residuals
 from isosample.surfaces.mesh_error import MeshError
 
 if TYPE_CHECKING:
@@ -395,7 +395,7 @@ def _residuals(header: _Header, reader: _Reader) -> F32:
     """Undo `_residual_planes`."""
     count = header.vertex_count
     if header.residuals == _ABSENT:
-        return np.zeros((count, 2), dtype=np.float32)
+        return no_residuals(count)
     bits: npt.NDArray[np.uint32]
     if header.residuals == _PACKED:
         bits = _from_bytes(reader, 2 * count, np.uint16).astype(np.uint32) << np.uint32(15)

@@ -12,7 +12,7 @@ import numpy as np
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
 from isosample.surfaces.marching_cubes import march_levels
-from isosample.surfaces.mesh import BrickMesh, Mesh
+from isosample.surfaces.mesh import BrickMesh, Mesh, no_residuals
 from isosample.surfaces.mesh_error import measure
 from isosample.surfaces.refine import NamedMesh, refined, settle_centres
 from isosample.surfaces.settings import ExtractionSettings as ExtractionSettings
@@ -165,7 +165,7 @@ def extract_brick(
         Names the vertices, and tells how triangles are wound in world space.
     settings : ExtractionSettings
     """
-    mirrored = bool(np.linalg.det(volume.direction) < 0)
+    mirrored = volume.geometry.left_handed
     found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
     return [
         _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
@@ -190,7 +190,7 @@ def _brick_mesh(
         named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
         positions, gradients = named.positions.astype(np.float32), named.gradients.astype(np.float32)
         keys, triangles = named.keys, named.triangles
-    residuals, error = np.zeros((len(positions), 2), dtype=np.float32), None
+    residuals, error = no_residuals(len(positions)), None
     if settings.residuals:
         residuals, error = measure(samples, isovalue, positions.astype(np.float64), gradients, triangles)
     return BrickMesh(
