@@ -145,8 +145,8 @@ def _padded_samples(volume: Volume, brick: Brick, *, passing: bool = False) -> t
         from isosample.volume.range_kernels import fill_padded
 
         padded = SCRATCH.room("padded", shape, np.float64) if passing else np.empty(shape)
-        first = (brick.start[0] - 1, brick.start[1] - 1, brick.start[2] - 1)
-        all_finite = fill_padded(plain, first, padded)
+        corner = (brick.start[0] - 1, brick.start[1] - 1, brick.start[2] - 1)
+        all_finite = fill_padded(plain, corner, padded)
         padded.setflags(write=False)
         return padded, all_finite
     source: list[slice] = []

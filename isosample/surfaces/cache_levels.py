@@ -87,7 +87,9 @@ class Field:
         """Return the pieces of isosurfaces in one brick, those without triangles too."""
         nodes, spline = self._nodes_and_spline()
         brick = self.bricks[row]
-        samples = load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        samples = (
+            load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        )
         found = {
             mesh.isovalue: mesh for mesh in extract_brick(samples, isovalues, brick, nodes, self.settings)
         }

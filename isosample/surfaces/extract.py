@@ -229,7 +229,9 @@ def _visit_bricks(
 
     def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
         brick, isovalues = task
-        samples = load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        samples = (
+            load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        )
         return extract_brick(samples, isovalues, brick, nodes, settings)
 
     pool = ThreadPoolExecutor(max_workers=os.cpu_count())

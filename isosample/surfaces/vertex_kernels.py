@@ -40,7 +40,9 @@ INNER_EDGES = 1 << 3 | 1 << 7 | 1 << 11  # that a cell with cells behind it on a
 CENTRE_AXIS = 3  # stands for the axis of a vertex inside a cell
 POSITIVE = 0xFFFFFF  # spares the compiler the question whether an index counts from the end
 RING = 14  # what is kept of such a vertex: its number, how many surround it, and their numbers
-SLOT_PLANES = 6  # edges along x and y in two planes of samples, those along z between them, and insides of cells
+SLOT_PLANES = (
+    6  # edges along x and y in two planes of samples, those along z between them, and insides of cells
+)
 ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
 BOUND = float(LARGEST_MANTISSA)
 
@@ -319,7 +321,7 @@ def interpolate(isovalue: float, block: F64) -> None:
         gy = ay + fraction * (block[i + 6 * BLOCK] - ay)
         gz = az + fraction * (block[i + 7 * BLOCK] - az)
         bits = np.float64(max(abs(gx), max(abs(gy), abs(gz)))).view(np.int64)
-        exponent = max((bits >> 52) - 1022, SMALLEST_EXPONENT)
+        exponent = max(int(bits >> 52) - 1022, SMALLEST_EXPONENT)
         steps = np.int64((1023 + MANTISSA_BITS - exponent) << 52).view(np.float64)
         step = np.int64((1023 - MANTISSA_BITS + exponent) << 52).view(np.float64)
         block[i] = fraction

@@ -121,7 +121,9 @@ def brick_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
 def finite_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64 | None:
     """Return `brick_ranges` of bricks inside a volume; None if kernels cannot tell, or not all samples are finite."""
     samples = compilable(volume.array)
-    if samples is None or samples.dtype.itemsize == 8 and samples.dtype.kind in "iu":  # these may be rounded
+    if samples is None or (
+        samples.dtype.itemsize == 8 and samples.dtype.kind in "iu"
+    ):  # these may be rounded
         return None
     from isosample.volume.range_kernels import block_ranges
 
