@@ -21,7 +21,7 @@ from isosample.surfaces.settings import check_volume as check_volume
 from isosample.surfaces.surface_set import ExtractionStatistics as ExtractionStatistics
 from isosample.surfaces.surface_set import SurfaceSet as SurfaceSet
 from isosample.surfaces.surface_set import count_per_level
-from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
+from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of, finite_ranges
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
@@ -90,11 +90,12 @@ def extract_surfaces(
     )
     levels = check_isovalues(isovalues)
     volume = volume.in_memory()
+    bricks = bricks_of(volume.size_xyz, brick_cells)
+    ranges = None if reconstruction.smooth else _ranges(volume, bricks)
     check_volume(volume, settings)
     spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
     nodes = _values_at_samples(volume, reconstruction, spline)
-    bricks = bricks_of(volume.size_xyz, brick_cells)
-    active = _active_levels(_ranges(nodes, bricks), levels)
+    active = _active_levels(_ranges(nodes, bricks) if ranges is None else ranges, levels)
     visits = [(bricks[row], levels[active[row]]) for row in np.flatnonzero(active.any(axis=1))]
     meshes: list[BrickMesh] = []
     for done, found in enumerate(_visit_bricks(nodes, spline, visits, settings), start=1):
@@ -242,10 +243,20 @@ def _visit_bricks(
 
 
 def _ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
-    """(B, 2) float64, as `brick_ranges` gives, looked for by one thread per core."""
+    """(B, 2) float64, as `brick_ranges` gives, looked for by one thread per core.
+
+    Where all samples turn out to be finite, the volume is told so, and its range.
+    """
     groups = [bricks[first : first + SCANNED_TOGETHER] for first in range(0, len(bricks), SCANNED_TOGETHER)]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        return np.concatenate(list(pool.map(lambda group: brick_ranges(volume, group), groups)))
+        found = list(pool.map(lambda group: finite_ranges(volume, group), groups))
+        if any(part is None for part in found):
+            return np.concatenate(list(pool.map(lambda group: brick_ranges(volume, group), groups)))
+    ranges = np.concatenate([part for part in found if part is not None])
+    known = vars(volume)
+    known["value_range"] = volume.checked_range(float(ranges[:, 0].min()), float(ranges[:, 1].max()))
+    known["nonfinite_counts"] = (0, 0)
+    return ranges
 
 
 def _active_levels(ranges: F64, levels: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -89,16 +89,14 @@ def crossed_cells(
             for x in range(columns):
                 smallest[x] = min(min(a[x], b[x]), min(c[x], d[x]))
                 largest[x] = max(max(a[x], b[x]), max(c[x], d[x]))
-            differing = np.int16(0)
-            for x in range(1, columns - 2):
-                smallest[x] = min(smallest[x], smallest[x + 1])
-                largest[x] = max(largest[x], largest[x + 1])
-                differing |= smallest[x] ^ largest[x]
-            if differing == 0:
+            lowest, highest = smallest[1], largest[1]
+            for x in range(1, columns - 1):
+                lowest, highest = min(lowest, smallest[x]), max(highest, largest[x])
+            if lowest == highest:
                 continue
             first = (y - 1) << COORDINATE_BITS | (z - 1) << 2 * COORDINATE_BITS
             for x in range(1, columns - 2):
-                low, high = smallest[x], largest[x]
+                low, high = min(smallest[x], smallest[x + 1]), max(largest[x], largest[x + 1])
                 if low == high or (usable.size and not usable[z - 1, y - 1, x - 1]):
                     continue
                 cells[count] = first + x - 1
