@@ -14,6 +14,7 @@ from benchmarks.machine import median, table
 from isosample.surfaces.cache import extract_with_cache, load_surface_set
 from isosample.surfaces.chunk_codec import decode, encode
 from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.plain_chunks import decode_plain, encode_plain
 from isosample.surfaces.store import MeshStore
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
@@ -61,27 +62,30 @@ def report(*, quick: bool) -> str:
 
 
 def _load_rows(name: str, volume: Volume, repeats: int) -> list[tuple[object, ...]]:
-    """One row without and one with residuals; the three ways interleaved."""
+    """One row without and one with residuals, and one of plain chunks; the three ways interleaved."""
     low, high = volume.value_range
     levels = low + (high - low) * (np.arange(LEVELS) + 0.5) / LEVELS
-    return [_load_row(name, volume, levels, repeats, residuals) for residuals in (False, True)]
+    kinds = ((False, False), (True, False), (False, True))
+    return [_load_row(name, volume, levels, repeats, *kind) for kind in kinds]
 
 
-def _load_row(name: str, volume: Volume, levels: F64, repeats: int, residuals: bool) -> tuple[object, ...]:
+def _load_row(
+    name: str, volume: Volume, levels: F64, repeats: int, residuals: bool, plain: bool
+) -> tuple[object, ...]:
     times: dict[str, list[float]] = {"extract": [], "keep": [], "load": []}
     for _ in range(repeats):
         with tempfile.TemporaryDirectory() as folder:
             surfaces = _timed(times["extract"], lambda: extract_surfaces(volume, levels, residuals=residuals))
             _timed(
                 times["keep"],
-                lambda: extract_with_cache(volume, levels, folder, residuals=residuals),
+                lambda: extract_with_cache(volume, levels, folder, residuals=residuals, plain=plain),
             )
             _timed(times["load"], lambda: load_surface_set(folder, levels, residuals=residuals))
             chunks = MeshStore(Path(folder)).chunks()
     triangles = sum(surfaces.statistics.triangles)
-    encoding, decoding = _codec_seconds(surfaces, repeats)
+    encoding, decoding = _codec_seconds(surfaces, repeats, plain=plain)
     return (
-        f"{name}{', with residuals' * residuals}",
+        f"{name}{', with residuals' * residuals}{', plain chunks' * plain}",
         f"{triangles:,}",
         f"{len(chunks):,}",
         f"{sum(chunk.size_bytes for chunk in chunks) / triangles:.2f}",
@@ -101,15 +105,16 @@ def _timed(seconds: list[float], work: Callable[[], SurfaceSet]) -> SurfaceSet:
     return found
 
 
-def _codec_seconds(surfaces: SurfaceSet, repeats: int) -> tuple[float, float]:
+def _codec_seconds(surfaces: SurfaceSet, repeats: int, *, plain: bool) -> tuple[float, float]:
     """Seconds of this thread to encode and to decode all meshes, the best of some."""
+    write, read = (encode_plain, decode_plain) if plain else (encode, decode)
     encoding, decoding = [], []
     for _ in range(repeats):
         start = time.thread_time()
-        chunks = [encode(mesh) for mesh in surfaces.meshes]
+        chunks = [write(mesh) for mesh in surfaces.meshes]
         middle = time.thread_time()
         for chunk in chunks:
-            decode(chunk)
+            read(chunk)
         encoding.append(middle - start)
         decoding.append(time.thread_time() - middle)
     return min(encoding), min(decoding)

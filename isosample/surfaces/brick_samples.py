@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.surfaces.positions import round_gradients
+from isosample.surfaces.scratch import SCRATCH
+from isosample.volume.bricks import compilable
 
 if TYPE_CHECKING:
     from isosample.volume.bricks import Brick
@@ -69,8 +71,15 @@ class BrickSamples:
         return x * y * z
 
 
-def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
+def load_brick(volume: Volume, brick: Brick, *, passing: bool = False) -> BrickSamples:
     """Read one brick with a border of one sample.
+
+    Parameters
+    ----------
+    volume : Volume
+    brick : Brick
+    passing : bool
+        True: the samples are lost when the same thread reads the next passing brick.
 
     Notes
     -----
@@ -78,7 +87,7 @@ def load_brick(volume: Volume, brick: Brick) -> BrickSamples:
     zero along an axis on which neither neighbour is finite. The border of one sample makes the gradient at a
     sample the same in all bricks that hold it.
     """
-    padded, all_finite = _padded_samples(volume, brick)
+    padded, all_finite = _padded_samples(volume, brick, passing=passing)
     usable: npt.NDArray[np.bool_] | None = None
     if not all_finite:
         finite = np.isfinite(padded[1:-1, 1:-1, 1:-1])
@@ -124,11 +133,22 @@ def gradients_at(brick: BrickSamples, positions: F64) -> F64:
     return round_gradients(found)
 
 
-def _padded_samples(volume: Volume, brick: Brick) -> tuple[F64, bool]:
+def _padded_samples(volume: Volume, brick: Brick, *, passing: bool = False) -> tuple[F64, bool]:
     """Brick samples with a border of one sample, float64, and whether those that were read are finite.
 
     NaN stands outside the volume and for samples that are not finite.
     """
+    x, y, z = brick.size_xyz
+    shape = (z + 2, y + 2, x + 2)
+    plain = compilable(volume.array)
+    if plain is not None:
+        from isosample.volume.range_kernels import fill_padded
+
+        padded = SCRATCH.room("padded", shape, np.float64) if passing else np.empty(shape)
+        corner = (brick.start[0] - 1, brick.start[1] - 1, brick.start[2] - 1)
+        all_finite = fill_padded(plain, corner, padded)
+        padded.setflags(write=False)
+        return padded, all_finite
     source: list[slice] = []
     inside: list[slice] = []
     for axis in (2, 1, 0):
@@ -137,8 +157,6 @@ def _padded_samples(volume: Volume, brick: Brick) -> tuple[F64, bool]:
         source.append(slice(low, high + 1))
         inside.append(slice(low - first, high - first + 1))
     samples = volume.array[source[0], source[1], source[2]]
-    x, y, z = brick.size_xyz
-    shape = (z + 2, y + 2, x + 2)
     padded = np.empty(shape) if samples.shape == shape else np.full(shape, np.nan)
     padded[inside[0], inside[1], inside[2]] = samples
     all_finite = bool(np.isfinite(samples.min()) and np.isfinite(samples.max()))  # NaN is carried through

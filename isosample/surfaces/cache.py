@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from isosample.errors import CacheError
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.boundary_files import boundary_path, read_boundary, write_boundary
@@ -238,6 +236,7 @@ def extract_with_cache(
     refine: int = 1,
     residuals: bool = False,
     budget_bytes: int | None = None,
+    plain: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume, of which those in the folder are read and the others added to it.
@@ -251,6 +250,8 @@ def extract_with_cache(
         something would have been added.
     budget_bytes : int, optional
         Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
+    plain : bool
+        Add chunks that need no decoding, six times as large and loaded several times as fast.
 
     Returns
     -------
@@ -281,7 +282,7 @@ def extract_with_cache(
     check_volume(volume, settings)
     volume_hash = content_hash(volume, scan)
     claim_folder(folder, volume.geometry, volume_hash, volume.name)
-    store = MeshStore(folder, budget_bytes=budget_bytes)
+    store = MeshStore(folder, budget_bytes=budget_bytes, plain=plain)
     field = Field.of(volume, settings, scan, volume_hash)
     pieces, unlisted = wanted_pieces(folder, field, levels)
     found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
@@ -403,7 +404,7 @@ def _kept_rows(
     geometry, settings = surfaces.geometry, surfaces.settings
     bricks = bricks_of(geometry.size_xyz, settings.brick_cells)
     row_of = {brick.index: row for row, brick in enumerate(bricks)}
-    mirrored = bool(np.linalg.det(geometry.direction) < 0)
+    mirrored = geometry.left_handed
     kept: dict[Piece, BrickMesh] = {}
     for mesh in surfaces.pieces(level):
         row = row_of[mesh.brick]

@@ -80,14 +80,16 @@ class Field:
         content = self.scan.digests[row].tobytes().hex()
         if self.settings.reconstruction.smooth:
             content = content_in_place(self.content_hash, row)
-        mirrored = bool(np.linalg.det(self.volume.direction) < 0)
+        mirrored = self.volume.geometry.left_handed
         return chunk_key(content, isovalue, self.volume.spacing, self.settings, mirrored=mirrored)
 
     def extract(self, row: int, isovalues: F64) -> list[BrickMesh]:
         """Return the pieces of isosurfaces in one brick, those without triangles too."""
         nodes, spline = self._nodes_and_spline()
         brick = self.bricks[row]
-        samples = load_brick(nodes, brick) if spline is None else spline_brick(nodes, spline, brick)
+        samples = (
+            load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        )
         found = {
             mesh.isovalue: mesh for mesh in extract_brick(samples, isovalues, brick, nodes, self.settings)
         }

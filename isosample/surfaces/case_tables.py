@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 EDGES = 12
+CENTRE_BIT = 7  # of `MarchTable.triangle_count`
 CENTRE = 12  # vertex number of a loop's centre, behind the 12 edges
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
@@ -124,30 +125,31 @@ class MarchTable(NamedTuple):
     ----------
     ambiguous_faces : (256,) uint8
     case_of : (256, 64) int16
+    triangle_count : (C,) uint8
+        In the lower bits; bit `CENTRE_BIT` is set where the case has a centre vertex.
     triangle_start : (C + 1,) int32
         The rows of a case begin here; those of the next one end it.
-    triangles : (N, 3) int8
-    edge_count : (C,) int8
-        Cut edges of the case.
-    edges : (C, 12) int8
-        Their numbers, ascending; −1 behind them.
+    triangles : (N, 3) uint8
+    cut_edges : (C,) int16
+        Bit `e` is set where edge `e` is cut.
     centre_edges : (C,) int16
         Bit `e` is set where edge `e` surrounds the centre vertex.
-    faces : (6, 4) int8
-        Corners of the faces.
     lower_corner : (12,) int8
         Lower corner of each edge.
+    fresh_edges : (8,) int16
+        Bit `e` is set where no cell before this one has its edge `e`, cells being visited x fastest, for whether
+        there are cells behind this one along x (bit 0 of the row), y and z.
     """
 
     ambiguous_faces: npt.NDArray[np.uint8]
     case_of: npt.NDArray[np.int16]
+    triangle_count: npt.NDArray[np.uint8]
     triangle_start: npt.NDArray[np.int32]
-    triangles: npt.NDArray[np.int8]
-    edge_count: npt.NDArray[np.int8]
-    edges: npt.NDArray[np.int8]
+    triangles: npt.NDArray[np.uint8]
+    cut_edges: npt.NDArray[np.int16]
     centre_edges: npt.NDArray[np.int16]
-    faces: npt.NDArray[np.int8]
     lower_corner: npt.NDArray[np.int8]
+    fresh_edges: npt.NDArray[np.int16]
 
 
 @cache
@@ -159,18 +161,20 @@ def march_table() -> MarchTable:
     signs_of[table.case_of] = np.arange(256)[:, None]
     inside = (signs_of[:, None] >> np.arange(8) & 1).astype(np.bool_)
     cut = inside[:, EDGE_LOWER_CORNER] != inside[:, EDGE_LOWER_CORNER + (1 << EDGE_AXIS)]
-    edges = np.sort(np.where(cut, np.arange(EDGES), EDGES), axis=1)
-    edges[edges == EDGES] = -1
+    behind = np.arange(8)[:, None] >> np.arange(3) & 1
+    near = (EDGE_LOWER_CORNER[:, None] >> np.arange(3) & 1) == 0  # edges shared with the cell behind
+    near[np.arange(EDGES), EDGE_AXIS] = False
+    bits = 1 << np.arange(EDGES)
     return MarchTable(
         ambiguous_faces=table.ambiguous_faces,
         case_of=table.case_of,
+        triangle_count=(table.triangle_count | table.centre_edges.any(axis=1) << CENTRE_BIT).astype(np.uint8),
         triangle_start=np.append(table.triangle_start, len(table.triangles)).astype(np.int32),
-        triangles=table.triangles,
-        edge_count=cut.sum(axis=1).astype(np.int8),
-        edges=edges.astype(np.int8),
-        centre_edges=(table.centre_edges @ (1 << np.arange(EDGES))).astype(np.int16),
-        faces=FACE_CORNERS.astype(np.int8),
+        triangles=table.triangles.astype(np.uint8),
+        cut_edges=(cut @ bits).astype(np.int16),
+        centre_edges=(table.centre_edges @ bits).astype(np.int16),
         lower_corner=EDGE_LOWER_CORNER.astype(np.int8),
+        fresh_edges=((behind @ near.T == 0) @ bits).astype(np.int16),
     )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces.mesh import BrickMesh
+from isosample.surfaces.mesh import BrickMesh, no_residuals
 from isosample.surfaces.mesh_error import MeshError
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def encode(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
     from isosample.surfaces import chunk_kernels as kernels
 
     vertex_count, triangle_count = len(mesh.positions), len(mesh.triangles)
-    _check_mesh(mesh)
+    check_mesh(mesh)
     size = np.full(3, USUAL_SAMPLES, dtype=np.int64)
     if vertex_count:
         size = np.maximum(size, mesh.positions.max(axis=0).astype(np.int64) + 1)
@@ -307,7 +307,8 @@ class _Reader:
         return self.content[start : start + count]
 
 
-def _check_mesh(mesh: BrickMesh) -> None:
+def check_mesh(mesh: BrickMesh) -> None:
+    """Raise `InputError` if a mesh is none that can be kept: positions out of range, corners that are no vertices."""
     if len(mesh.positions) and not (mesh.positions.min() >= 0.0 and mesh.positions.max() < 1024.0):
         raise InputError("positions outside 0 to 1024 voxels of a brick's start cannot be kept.")
     if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.positions):
@@ -395,7 +396,7 @@ def _residuals(header: _Header, reader: _Reader) -> F32:
     """Undo `_residual_planes`."""
     count = header.vertex_count
     if header.residuals == _ABSENT:
-        return np.zeros((count, 2), dtype=np.float32)
+        return no_residuals(count)
     bits: npt.NDArray[np.uint32]
     if header.residuals == _PACKED:
         bits = _from_bytes(reader, 2 * count, np.uint16).astype(np.uint32) << np.uint32(15)

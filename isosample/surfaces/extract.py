@@ -12,7 +12,7 @@ import numpy as np
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
 from isosample.surfaces.marching_cubes import march_levels
-from isosample.surfaces.mesh import BrickMesh, Mesh
+from isosample.surfaces.mesh import BrickMesh, Mesh, no_residuals
 from isosample.surfaces.mesh_error import measure
 from isosample.surfaces.refine import NamedMesh, refined, settle_centres
 from isosample.surfaces.settings import ExtractionSettings as ExtractionSettings
@@ -22,7 +22,7 @@ from isosample.surfaces.surface_set import ExtractionStatistics as ExtractionSta
 from isosample.surfaces.surface_set import SurfaceSet as SurfaceSet
 from isosample.surfaces.surface_set import count_per_level
 from isosample.tally import EXTRACTIONS, tally
-from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
+from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of, finite_ranges
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
@@ -92,11 +92,12 @@ def extract_surfaces(
     levels = check_isovalues(isovalues)
     tally(EXTRACTIONS)
     volume = volume.in_memory()
+    bricks = bricks_of(volume.size_xyz, brick_cells)
+    ranges = None if reconstruction.smooth else _ranges(volume, bricks)
     check_volume(volume, settings)
     spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
     nodes = _values_at_samples(volume, reconstruction, spline)
-    bricks = bricks_of(volume.size_xyz, brick_cells)
-    active = _active_levels(_ranges(nodes, bricks), levels)
+    active = _active_levels(_ranges(nodes, bricks) if ranges is None else ranges, levels)
     visits = [(bricks[row], levels[active[row]]) for row in np.flatnonzero(active.any(axis=1))]
     meshes: list[BrickMesh] = []
     for done, found in enumerate(_visit_bricks(nodes, spline, visits, settings), start=1):
@@ -167,7 +168,7 @@ def extract_brick(
         Names the vertices, and tells how triangles are wound in world space.
     settings : ExtractionSettings
     """
-    mirrored = bool(np.linalg.det(volume.direction) < 0)
+    mirrored = volume.geometry.left_handed
     found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
     return [
         _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
@@ -192,7 +193,7 @@ def _brick_mesh(
         named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
         positions, gradients = named.positions.astype(np.float32), named.gradients.astype(np.float32)
         keys, triangles = named.keys, named.triangles
-    residuals, error = np.zeros((len(positions), 2), dtype=np.float32), None
+    residuals, error = no_residuals(len(positions)), None
     if settings.residuals:
         residuals, error = measure(samples, isovalue, positions.astype(np.float64), gradients, triangles)
     return BrickMesh(
@@ -231,7 +232,9 @@ def _visit_bricks(
 
     def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
         brick, isovalues = task
-        samples = load_brick(nodes, brick) if spline is None else spline_brick(nodes, spline, brick)
+        samples = (
+            load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
+        )
         return extract_brick(samples, isovalues, brick, nodes, settings)
 
     pool = ThreadPoolExecutor(max_workers=os.cpu_count())
@@ -242,10 +245,20 @@ def _visit_bricks(
 
 
 def _ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
-    """(B, 2) float64, as `brick_ranges` gives, looked for by one thread per core."""
+    """(B, 2) float64, as `brick_ranges` gives, looked for by one thread per core.
+
+    Where all samples turn out to be finite, the volume is told so, and its range.
+    """
     groups = [bricks[first : first + SCANNED_TOGETHER] for first in range(0, len(bricks), SCANNED_TOGETHER)]
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        return np.concatenate(list(pool.map(lambda group: brick_ranges(volume, group), groups)))
+        found = list(pool.map(lambda group: finite_ranges(volume, group), groups))
+        if any(part is None for part in found):
+            return np.concatenate(list(pool.map(lambda group: brick_ranges(volume, group), groups)))
+    ranges = np.concatenate([part for part in found if part is not None])
+    known = vars(volume)
+    known["value_range"] = volume.checked_range(float(ranges[:, 0].min()), float(ranges[:, 1].max()))
+    known["nonfinite_counts"] = (0, 0)
+    return ranges
 
 
 def _active_levels(ranges: F64, levels: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

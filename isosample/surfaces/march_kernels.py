@@ -10,28 +10,17 @@ exist. Vertices are numbered as they are first met, cell by cell in the order x,
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isosample.compiled import compiled
-from isosample.surfaces.positions import (
-    LARGEST_MANTISSA,
-    MANTISSA_BITS,
-    POSITION_STEPS,
-    SMALLEST_EXPONENT,
-    SMALLEST_FRACTION,
-)
+from isosample.surfaces.case_tables import CENTRE_BIT, FACE_CORNERS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from isosample.surfaces.case_tables import MarchTable
-
-    F32 = npt.NDArray[np.float32]
     F64 = npt.NDArray[np.float64]
-    I8 = npt.NDArray[np.int8]
     I16 = npt.NDArray[np.int16]
     I32 = npt.NDArray[np.int32]
     I64 = npt.NDArray[np.int64]
@@ -42,8 +31,9 @@ RANK_BLOCK = 1024  # samples ranked at a time: they and their ranks stay in the 
 COORDINATE_BITS = 6  # of a cell's place along an axis
 COORDINATE_MASK = (1 << COORDINATE_BITS) - 1
 CASE_SHIFT = 3 * COORDINATE_BITS
-ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
-BOUND = float(LARGEST_MANTISSA)
+FACES: tuple[tuple[int, ...], ...] = tuple(tuple(ring) for ring in FACE_CORNERS.tolist())
+CLOSE = 1e-12  # products that differ by less of the larger one are compared with more care,
+TINY = 1e-200  # and those that are not larger than this
 
 
 @compiled
@@ -72,83 +62,94 @@ def count_ranks(values: F64, levels: F64, ranks: I16) -> None:
 
 @compiled
 def crossed_cells(
-    ranks: I16, usable: U8, smallest: I16, largest: I16, cells: I32, lows: I16, highs: I16, steps: I64
-) -> tuple[int, int]:
-    """List the cells that isovalues cross: place, first level, last level + 1.
+    ranks: I16, usable: U8, extremes: I16, cells: I32, lows: I16, highs: I16, pair_start: I64
+) -> int:
+    """List the cells that isovalues cross: place, first level, last level + 1; return how many they are.
 
     Parameters
     ----------
     ranks : (Z + 2, Y + 2, X + 2) int16
     usable : (Z − 1, Y − 1, X − 1) uint8
         Which cells may be crossed; empty where all may.
-    smallest, largest : (X + 2,) int16
+    extremes : (2, X + 2) int16
         Room for one row.
     cells, lows, highs : (C,) int32, int16, int16
         Out; room for all cells.
-    steps : (L + 1,) int64
-        Out, from zeros: their running sum is the number of cells that each level crosses.
-
-    Returns
-    -------
-    cell_count : int
-    crossing_count : int
-        How often levels cut the edges between samples.
+    pair_start : (L + 1,) int64
+        Out: where the pairs of each level begin among all (cell, level) pairs ordered by level.
     """
     planes, rows, columns = ranks.shape
-    cell_count, crossing_count = 0, 0
-    for z in range(1, planes - 1):
-        for y in range(1, rows - 1):
-            behind, above = min(y + 1, rows - 2), min(z + 1, planes - 2)  # the row itself behind the last one
-            a, b = ranks[z, y], ranks[z, behind]
-            c, d = ranks[above, y], ranks[above, behind]
+    smallest, largest = extremes[0], extremes[1]
+    pair_start[:] = 0
+    count = 0
+    for z in range(1, planes - 2):
+        for y in range(1, rows - 2):
+            a, b = ranks[z, y], ranks[z, y + 1]
+            c, d = ranks[z + 1, y], ranks[z + 1, y + 1]
             for x in range(columns):
                 smallest[x] = min(min(a[x], b[x]), min(c[x], d[x]))
                 largest[x] = max(max(a[x], b[x]), max(c[x], d[x]))
-            crossings = np.int32(0)
+            lowest, highest = smallest[1], largest[1]
             for x in range(1, columns - 1):
-                crossings += abs(np.int32(b[x]) - np.int32(a[x])) + abs(np.int32(c[x]) - np.int32(a[x]))
-            differing = np.int16(0)
-            for x in range(1, columns - 2):
-                crossings += abs(np.int32(a[x + 1]) - np.int32(a[x]))
-                smallest[x] = min(smallest[x], smallest[x + 1])
-                largest[x] = max(largest[x], largest[x + 1])
-                differing |= smallest[x] ^ largest[x]
-            crossing_count += int(crossings)
-            if differing == 0 or behind == y or above == z:
+                lowest, highest = min(lowest, smallest[x]), max(highest, largest[x])
+            if lowest == highest:
                 continue
+            first = (y - 1) << COORDINATE_BITS | (z - 1) << 2 * COORDINATE_BITS
             for x in range(1, columns - 2):
-                low, high = smallest[x], largest[x]
+                low, high = min(smallest[x], smallest[x + 1]), max(largest[x], largest[x + 1])
                 if low == high or (usable.size and not usable[z - 1, y - 1, x - 1]):
                     continue
-                cells[cell_count] = x - 1 | y - 1 << COORDINATE_BITS | z - 1 << 2 * COORDINATE_BITS
-                lows[cell_count], highs[cell_count] = low, high
-                cell_count += 1
-                steps[low] += 1
-                steps[high] -= 1
-    return cell_count, crossing_count
+                cells[count] = first + x - 1
+                lows[count], highs[count] = low, high
+                count += 1
+                pair_start[low] += 1
+                pair_start[high] -= 1
+    crossed = pairs = 0
+    for level in range(len(pair_start)):
+        crossed += pair_start[level]
+        pair_start[level] = pairs
+        pairs += crossed
+    return count
 
 
 @compiled
 def joined_faces(
-    values: F64, first: int, row: int, plane: int, isovalue: float, ambiguous: int, faces: I8
+    values: F64, first: int, row: int, plane: int, isovalue: float, ambiguous: int, heights: F64
 ) -> int:
-    """Bit `f` is set where the inside corners of ambiguous face `f` of the cell are joined.
+    """Bit `f` is set where the inside corners of ambiguous face `f` of the cell are joined; of others it is any.
 
     With the isovalue subtracted, a and c on one diagonal and b and d on the other, the saddle of the bilinear
     interpolant is (a c − b d) / (a + c − b − d). The products are the same in both cells at the face.
+
+    `heights` (8,) is room for the values at the corners. What counts is which of the products is larger after
+    all four values have been divided by the largest, which keeps the products from overflow and underflow. Each
+    rounding moves a product by 2**-53 of it, so that the products of the values themselves tell, unless they agree
+    in 12 digits or are tiny (abs(value − isovalue) is below 2**129, see `check_volume`).
     """
+    for corner in range(8):
+        heights[corner] = values[corner_index(first, row, plane, corner)] - isovalue
+    decisions, doubtful = 0, 0
+    for face in range(6):
+        ring = FACES[face]
+        a = heights[ring[0]]
+        one, other = a * heights[ring[2]], heights[ring[1]] * heights[ring[3]]
+        larger = max(one, other)
+        doubtful |= (not (abs(one - other) > CLOSE * larger and larger > TINY)) << face
+        decisions |= ((one > other) == (a >= 0.0)) << face
+    return decisions if doubtful & ambiguous == 0 else scaled_decisions(heights, ambiguous)
+
+
+@compiled
+def scaled_decisions(heights: F64, ambiguous: int) -> int:
+    """Decide as `joined_faces`, by values divided by the largest of the face."""
     decisions = 0
     for face in range(6):
-        if not ambiguous >> face & 1:
-            continue
-        a = values[corner_index(first, row, plane, faces[face, 0])] - isovalue
-        b = values[corner_index(first, row, plane, faces[face, 1])] - isovalue
-        c = values[corner_index(first, row, plane, faces[face, 2])] - isovalue
-        d = values[corner_index(first, row, plane, faces[face, 3])] - isovalue
-        scale = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
-        saddle = (a / scale) * (c / scale) - (b / scale) * (d / scale)
-        if (saddle >= 0.0) if a >= 0.0 else (saddle <= 0.0):
-            decisions |= 1 << face
+        if ambiguous >> face & 1:
+            ring = FACES[face]
+            a, b, c, d = heights[ring[0]], heights[ring[1]], heights[ring[2]], heights[ring[3]]
+            scale = max(max(abs(a), abs(b)), max(abs(c), abs(d)))
+            saddle = (a / scale) * (c / scale) - (b / scale) * (d / scale)
+            decisions |= (saddle >= 0.0 if a >= 0.0 else saddle <= 0.0) << face
     return decisions
 
 
@@ -165,11 +166,13 @@ def sort_by_level(
     row: int,
     plane: int,
     levels: F64,
-    table: MarchTable,
+    ambiguous_faces: U8,
+    case_of: I16,
+    triangle_count: U8,
     cells: I32,
     lows: I16,
     highs: I16,
-    following: I64,
+    pair_start: I64,
     pairs: I32,
     triangle_counts: I64,
 ) -> int:
@@ -181,23 +184,22 @@ def sort_by_level(
     row, plane : int
         From a sample to the next along y and z.
     levels : (L,) float64
-    table : MarchTable
-    cells, lows, highs
-        As `crossed_cells` leaves them, cut to the number of cells.
-    following : (L,) int64
-        Where the pairs of each level begin; changed.
+    ambiguous_faces, case_of, triangle_count
+        Of `MarchTable`.
+    cells, lows, highs, pair_start
+        As `crossed_cells` leaves them, the first three cut to the number of cells.
     pairs : (P,) int32
         Out: the cell's place with the case in the upper bits.
     triangle_counts : (L,) int64
-        Out, from zeros.
+        Out.
 
     Returns
     -------
     centre_count : int
         Vertices inside cells, of all levels.
     """
-    ambiguous_faces, case_of, faces = table.ambiguous_faces, table.case_of, table.faces
-    triangle_start, centre_edges = table.triangle_start, table.centre_edges
+    following, heights = pair_start.copy(), np.empty(8)
+    triangle_counts[:] = 0
     centre_count = 0
     for n in range(len(cells)):
         cell = cells[n]
@@ -212,12 +214,13 @@ def sort_by_level(
             ambiguous = ambiguous_faces[signs]
             decisions = 0
             if ambiguous:
-                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, faces)
+                decisions = joined_faces(values, first, row, plane, levels[k], ambiguous, heights)
             case = case_of[signs, decisions]
             pairs[following[k]] = cell | np.int32(case) << CASE_SHIFT
             following[k] += 1
-            triangle_counts[k] += triangle_start[case + 1] - triangle_start[case]
-            centre_count += centre_edges[case] != 0
+            count = triangle_count[case]
+            triangle_counts[k] += count & (1 << CENTRE_BIT) - 1
+            centre_count += count >> CENTRE_BIT
     return centre_count
 
 
@@ -228,200 +231,3 @@ def first_sample(cell: int, row: int, plane: int) -> int:
     y = cell >> COORDINATE_BITS & COORDINATE_MASK
     z = cell >> 2 * COORDINATE_BITS & COORDINATE_MASK
     return x + 1 + (y + 1) * row + (z + 1) * plane
-
-
-@compiled
-def slope_at(values: F64, place: int, stride: int) -> float:
-    """Central difference per sample step, one-sided next to NaN, 0 between two NaN."""
-    here: float = values[place]
-    ahead: float = values[place + stride]
-    behind: float = values[place - stride]
-    slope = 0.5 * (ahead - behind)
-    if not math.isnan(slope):
-        return slope
-    if not math.isnan(ahead):
-        return ahead - here
-    return 0.0 if math.isnan(behind) else here - behind
-
-
-@compiled
-def put_gradient(gradients: F32, vertex: int, gx: float, gy: float, gz: float) -> None:
-    """Store a gradient rounded to a shared exponent; `positions.round_gradients` is its twin."""
-    bits = np.float64(max(abs(gx), max(abs(gy), abs(gz)))).view(np.int64)
-    exponent = max(int(bits >> 52) - 1022, SMALLEST_EXPONENT)
-    steps = np.int64((1023 + MANTISSA_BITS - exponent) << 52).view(np.float64)
-    step = np.int64((1023 - MANTISSA_BITS + exponent) << 52).view(np.float64)
-    gradients[vertex, 0] = mantissa_of(gx * steps) * step + 0.0
-    gradients[vertex, 1] = mantissa_of(gy * steps) * step + 0.0
-    gradients[vertex, 2] = mantissa_of(gz * steps) * step + 0.0
-
-
-@compiled
-def whole(number: float) -> float:
-    """Nearest whole number, ties to even, of a number below 2**51."""
-    return (number + ROUNDER) - ROUNDER
-
-
-@compiled
-def mantissa_of(steps: float) -> float:
-    """Nearest whole number of steps, ties to even, of at most 15 bits."""
-    return min(max(whole(steps), -BOUND), BOUND)
-
-
-@compiled
-def put_edge_vertex(
-    values: F64,
-    place: int,
-    row: int,
-    plane: int,
-    axis: int,
-    isovalue: float,
-    corner: tuple[int, int, int],
-    vertex: int,
-    positions: F32,
-    gradients: F32,
-) -> None:
-    """Store position [voxel] and gradient where the isosurface cuts the grid edge from a sample along an axis."""
-    far = place + (1 if axis == 0 else row if axis == 1 else plane)
-    low = values[place]
-    fraction = (isovalue - low) / (values[far] - low)
-    fraction = min(max(fraction, SMALLEST_FRACTION), 1.0 - SMALLEST_FRACTION)
-    fraction = whole(fraction * POSITION_STEPS) / POSITION_STEPS
-    positions[vertex, 0], positions[vertex, 1], positions[vertex, 2] = corner
-    positions[vertex, axis] = corner[axis] + fraction
-    ax, bx = slope_at(values, place, 1), slope_at(values, far, 1)
-    ay, by = slope_at(values, place, row), slope_at(values, far, row)
-    az, bz = slope_at(values, place, plane), slope_at(values, far, plane)
-    put_gradient(
-        gradients, vertex, ax + fraction * (bx - ax), ay + fraction * (by - ay), az + fraction * (bz - az)
-    )
-
-
-@compiled
-def put_centre_vertex(
-    around: int, vertices: I32, corner: tuple[int, int, int], vertex: int, positions: F32, gradients: F32
-) -> None:
-    """Store the means of the positions (rounded) and gradients around a cell's centre vertex."""
-    x, y, z, gx, gy, gz, count = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
-    for edge in range(12):
-        if around >> edge & 1:
-            n = vertices[edge]
-            x += positions[n, 0] - corner[0]
-            y += positions[n, 1] - corner[1]
-            z += positions[n, 2] - corner[2]
-            gx += gradients[n, 0]
-            gy += gradients[n, 1]
-            gz += gradients[n, 2]
-            count += 1
-    positions[vertex, 0] = corner[0] + whole(x / count * POSITION_STEPS) / POSITION_STEPS
-    positions[vertex, 1] = corner[1] + whole(y / count * POSITION_STEPS) / POSITION_STEPS
-    positions[vertex, 2] = corner[2] + whole(z / count * POSITION_STEPS) / POSITION_STEPS
-    put_gradient(gradients, vertex, gx / count, gy / count, gz / count)
-
-
-@compiled
-def emit(
-    values: F64,
-    row: int,
-    plane: int,
-    levels: F64,
-    table: MarchTable,
-    pairs: I32,
-    pair_start: I64,
-    start: tuple[int, int, int],
-    size: tuple[int, int, int],
-    positions: F32,
-    gradients: F32,
-    keys: I64,
-    triangles: I32,
-    vertex_start: I64,
-    slots: I32,
-    of_edge: I64,
-    vertices: I32,
-) -> None:
-    """Fill in the vertices and triangles of all levels, and where the vertices of a level begin.
-
-    Parameters
-    ----------
-    values : (N,) float64
-        Samples of the brick with its border; NaN outside the volume and where masked.
-    row, plane : int
-        From a sample to the next along y and z.
-    levels : (L,) float64
-    table : MarchTable
-    pairs, pair_start
-        As `sort_by_level` leaves them.
-    start, size : 3 ints
-        First sample (x, y, z) of the brick, and the number of samples of the volume: they name the vertices.
-    positions, gradients, keys, triangles
-        Out; (V, 3) float32, (V, 3) float32, (V,) int64, (T, 3) int32. Triangles number vertices within the level.
-    vertex_start : (L + 1,) int64
-        Out, from zeros.
-    slots : (5 · plane,) int32
-        From −1.
-    of_edge : (2, 12) int64
-    vertices : (13,) int32
-        Room for one cell: slot of each edge and the lowest number that is valid in it; its vertices.
-
-    Notes
-    -----
-    The vertices of grid edges are looked up in slots, of two planes of samples and of the edges between them. The
-    slots need never be cleared: vertices are numbered upwards, so that a slot that holds a lower number than the
-    first vertex of its layer of cells is an old one.
-    """
-    lower_corner, edge_count, edges = table.lower_corner, table.edge_count, table.edges
-    centre_edges, triangle_start, rows = table.centre_edges, table.triangle_start, table.triangles
-    inner_keys = 3 * size[0] * size[1] * size[2]
-    vertex, triangle = int(vertex_start[0]), 0
-    for level in range(len(levels)):
-        isovalue, level_start = levels[level], vertex
-        vertex_start[level] = vertex
-        layer, layer_start = -2, vertex
-        for n in range(pair_start[level], pair_start[level + 1]):
-            code = pairs[n]
-            case = code >> CASE_SHIFT
-            x = code & COORDINATE_MASK
-            y = code >> COORDINATE_BITS & COORDINATE_MASK
-            z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
-            if z != layer:
-                near_start = layer_start if z == layer + 1 else vertex
-                layer, layer_start = z, vertex
-                for edge in range(12):
-                    corner = lower_corner[edge]
-                    axis, dz = edge >> 2, corner >> 2
-                    which = 4 if axis == 2 else 2 * (z + dz & 1) + axis
-                    of_edge[0, edge] = which * plane + (corner >> 1 & 1) * row + (corner & 1)
-                    of_edge[1, edge] = near_start if axis < 2 and dz == 0 else layer_start
-            across = y * row + x
-            first = across + row + 1 + (z + 1) * plane
-            for m in range(edge_count[case]):
-                edge = int(edges[case, m])
-                slot = of_edge[0, edge] + across
-                found = slots[slot]
-                if found < of_edge[1, edge]:
-                    found = vertex
-                    slots[slot] = vertex
-                    lower = int(lower_corner[edge])
-                    place = corner_index(first, row, plane, lower)
-                    i, j, k = x + (lower & 1), y + (lower >> 1 & 1), z + (lower >> 2)
-                    axis = edge >> 2
-                    put_edge_vertex(
-                        values, place, row, plane, axis, isovalue, (i, j, k), vertex, positions, gradients
-                    )
-                    sample = (i + start[0]) + size[0] * ((j + start[1]) + size[1] * (k + start[2]))
-                    keys[vertex] = axis + 3 * sample
-                    vertex += 1
-                vertices[edge] = found
-            around = int(centre_edges[case])
-            if around:
-                put_centre_vertex(around, vertices, (x, y, z), vertex, positions, gradients)
-                sample = (x + start[0]) + size[0] * ((y + start[1]) + size[1] * (z + start[2]))
-                keys[vertex] = inner_keys + sample
-                vertices[12] = vertex
-                vertex += 1
-            for r in range(triangle_start[case], triangle_start[case + 1]):
-                triangles[triangle, 0] = vertices[rows[r, 0]] - level_start
-                triangles[triangle, 1] = vertices[rows[r, 1]] - level_start
-                triangles[triangle, 2] = vertices[rows[r, 2]] - level_start
-                triangle += 1
-    vertex_start[len(levels)] = vertex

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from isosample.surfaces.brick_samples import gradients_at
 from isosample.surfaces.case_tables import march_table
 from isosample.surfaces.positions import POSITION_STEPS, SMALLEST_FRACTION
+from isosample.surfaces.scratch import SCRATCH
 
 if TYPE_CHECKING:
     from isosample.surfaces.brick_samples import BrickSamples
@@ -19,7 +21,9 @@ if TYPE_CHECKING:
 
 MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
 ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
-SLOT_PLANES = 5  # edges along x and y in two planes of samples, and those along z between them
+MOST_VERTICES = 13  # of a cell
+TOGETHER = 1 << 16  # triangles whose arrays are one: below a megabyte the allocator uses memory again
+ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,80 +94,106 @@ def march_levels(brick: BrickSamples, isovalues: F64) -> list[LocalMesh]:
 
 def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     """March a brick of the trilinear field."""
-    from isosample.surfaces import march_kernels
+    from isosample.surfaces import march_kernels, vertex_kernels
 
     planes, rows, columns = brick.padded.shape
     values, table = brick.padded.reshape(-1), march_table()
-    ranks = np.empty(values.size, dtype=np.int16)
+    ranks = SCRATCH.room("ranks", values.size, np.int16)
     march_kernels.count_ranks(values, levels, ranks)
-    capacity = (planes - 3) * (rows - 3) * (columns - 3)
-    cells = np.empty(capacity, dtype=np.int32)
-    lows, highs = np.empty(capacity, dtype=np.int16), np.empty(capacity, dtype=np.int16)
-    steps = np.zeros(len(levels) + 1, dtype=np.int64)
-    row_of_ranks = np.empty((2, columns), dtype=np.int16)
-    cell_count, crossing_count = march_kernels.crossed_cells(
-        ranks.reshape(brick.padded.shape),
-        ALL_CELLS if brick.usable_cells is None else brick.usable_cells.view(np.uint8),
-        row_of_ranks[0],
-        row_of_ranks[1],
-        cells,
-        lows,
-        highs,
-        steps,
+    cell_shape = (planes - 3, rows - 3, columns - 3)
+    capacity = math.prod(cell_shape)
+    cells = SCRATCH.room("cells", capacity, np.int32)
+    lows, highs = SCRATCH.room("lows and highs", (2, capacity), np.int16)
+    usable, fresh_edges = ALL_CELLS, ALL_FRESH
+    if brick.usable_cells is not None:
+        usable, fresh_edges = brick.usable_cells.view(np.uint8), SCRATCH.room("fresh", cell_shape, np.int16)
+        vertex_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
+    pair_start = np.empty(len(levels) + 1, dtype=np.int64)
+    extremes = SCRATCH.room("extremes", (2, columns), np.int16)
+    cell_count = march_kernels.crossed_cells(
+        ranks.reshape(brick.padded.shape), usable, extremes, cells, lows, highs, pair_start
     )
-    pair_start = _starts(np.cumsum(steps[:-1]))
-    pairs = np.empty(pair_start[-1], dtype=np.int32)
-    triangle_counts = np.zeros(len(levels), dtype=np.int64)
+    pairs = SCRATCH.room("pairs", int(pair_start[-1]), np.int32)
+    triangle_counts = np.empty(len(levels), dtype=np.int64)
     centre_count = march_kernels.sort_by_level(
         values,
         ranks,
         columns,
         columns * rows,
         levels,
-        table,
+        table.ambiguous_faces,
+        table.case_of,
+        table.triangle_count,
         cells[:cell_count],
         lows[:cell_count],
         highs[:cell_count],
-        pair_start[:-1].copy(),
+        pair_start,
         pairs,
         triangle_counts,
     )
-    vertex_count = crossing_count + centre_count
-    positions = np.empty((vertex_count, 3), dtype=np.float32)
-    gradients = np.empty((vertex_count, 3), dtype=np.float32)
-    keys = np.empty(vertex_count, dtype=np.int64)
-    triangle_start = _starts(triangle_counts)
-    triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
-    vertex_start = np.zeros(len(levels) + 1, dtype=np.int64)
-    march_kernels.emit(
-        values,
-        columns,
-        columns * rows,
-        levels,
-        table,
-        pairs,
-        pair_start,
-        brick.start,
-        brick.size_xyz,
-        positions,
-        gradients,
-        keys,
-        triangles,
-        vertex_start,
-        np.full(SLOT_PLANES * columns * rows, -1, dtype=np.int32),
-        np.empty((2, 12), dtype=np.int64),
-        np.empty(13, dtype=np.int32),
-    )
-    vertices, faces = vertex_start.tolist(), triangle_start.tolist()
-    return [
-        LocalMesh(
-            positions=positions[vertices[k] : vertices[k + 1]],
-            gradients=gradients[vertices[k] : vertices[k + 1]],
-            keys=keys[vertices[k] : vertices[k + 1]],
-            triangles=triangles[faces[k] : faces[k + 1]],
+    rings = SCRATCH.room("rings", (centre_count, vertex_kernels.RING), np.int32)
+    slots = SCRATCH.room("slots", vertex_kernels.SLOT_PLANES * columns * rows, np.int32)
+    nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
+    vertex_kernels.fill_nodes(brick.padded, nodes)
+    meshes: list[LocalMesh] = []
+    for part in _parts(triangle_counts):
+        triangle_start = _starts(triangle_counts[part])
+        pair_range = pair_start[part.start : part.stop + 1]
+        most_vertices = MOST_VERTICES * int(pair_range[-1] - pair_range[0]) + 1
+        codes = SCRATCH.room("codes", most_vertices, np.int32)
+        triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
+        vertex_start = np.empty(len(triangle_start), dtype=np.int64)
+        ring_count = vertex_kernels.number_vertices(
+            columns,
+            columns * rows,
+            table,
+            fresh_edges,
+            pairs,
+            pair_range,
+            slots,
+            codes,
+            rings,
+            triangles,
+            vertex_start,
         )
-        for k in range(len(levels))
-    ]
+        vertex_count = int(vertex_start[-1])
+        positions = np.empty((vertex_count, 3), dtype=np.float32)
+        gradients = np.empty((vertex_count, 3), dtype=np.float32)
+        keys = np.empty(vertex_count, dtype=np.int64)
+        vertex_kernels.put_vertices(
+            nodes,
+            levels[part],
+            codes,
+            rings[:ring_count],
+            vertex_start,
+            brick.start,
+            brick.size_xyz,
+            positions,
+            gradients,
+            keys,
+        )
+        vertices, faces = vertex_start.tolist(), triangle_start.tolist()
+        meshes += [
+            LocalMesh(
+                positions=positions[vertices[k] : vertices[k + 1]],
+                gradients=gradients[vertices[k] : vertices[k + 1]],
+                keys=keys[vertices[k] : vertices[k + 1]],
+                triangles=triangles[faces[k] : faces[k + 1]],
+            )
+            for k in range(len(faces) - 1)
+        ]
+    return meshes
+
+
+def _parts(triangle_counts: I64) -> list[slice]:
+    """Ranges of levels with about `TOGETHER` triangles each."""
+    parts, first, total = [], 0, 0
+    for level, count in enumerate(triangle_counts.tolist()):
+        if total and total + count > TOGETHER:
+            parts.append(slice(first, level))
+            first, total = level, 0
+        total += count
+    return [*parts, slice(first, len(triangle_counts))]
 
 
 def _starts(counts: I64) -> I64:

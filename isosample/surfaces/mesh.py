@@ -20,6 +20,8 @@ F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
+_zeros: F32 = np.zeros((0, 2), dtype=np.float32)  # what `no_residuals` gives parts of
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BrickMesh:
@@ -119,6 +121,20 @@ class Mesh:
         for corner in range(3):
             np.add.at(total, self.triangles[:, corner], cross)
         return total
+
+
+def no_residuals(vertex_count: int) -> F32:
+    """(V, 2) float32, zeros that cannot be written, for a mesh whose distance was not measured.
+
+    All such meshes share them.
+    """
+    global _zeros
+    zeros = _zeros
+    if len(zeros) < vertex_count:
+        zeros = np.zeros((2 * vertex_count, 2), dtype=np.float32)
+        zeros.setflags(write=False)
+        _zeros = zeros
+    return zeros[:vertex_count]
 
 
 def weld(meshes: Sequence[BrickMesh], geometry: GridGeometry, *, isovalue: float | None = None) -> Mesh:

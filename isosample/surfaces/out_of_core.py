@@ -184,7 +184,7 @@ def _check_local(settings: ExtractionSettings) -> None:
 def _jobs(volume: Volume, scan: BrickScan, levels: F64, settings: ExtractionSettings) -> list[Job]:
     """Isosurfaces in every brick whose samples lie on both sides: low < isovalue <= high, equal being inside."""
     active = (scan.ranges[:, :1] < levels) & (levels <= scan.ranges[:, 1:])
-    mirrored = bool(np.linalg.det(volume.direction) < 0)
+    mirrored = volume.geometry.left_handed
     jobs = []
     for row in np.flatnonzero(active.any(axis=1)).tolist():
         values = levels[active[row]]
@@ -282,7 +282,7 @@ def _parts(job: Job, brick: Brick, settings: ExtractionSettings, budget: int) ->
 
 def _visit(volume: Volume, brick: Brick, job: Job, place: _Place) -> list[Rows]:
     """Extract one brick, keep its pieces, and tell what they are."""
-    samples = load_brick(volume, brick)
+    samples = load_brick(volume, brick, passing=True)
     meshes = {
         mesh.isovalue: mesh for mesh in extract_brick(samples, job.isovalues, brick, volume, place.settings)
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import mmap
 import os
 import threading
 import time
@@ -18,9 +19,11 @@ from isosample.errors import CacheError
 from isosample.files import replacing
 from isosample.surfaces.cache_files import digest_of
 from isosample.surfaces.chunk_codec import CHUNK_VERSION, OtherVersionError, decode, encode
+from isosample.surfaces.plain_chunks import PLAIN_MAGIC, decode_plain, encode_plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
+    from io import FileIO
     from pathlib import Path
 
     from isosample.surfaces.mesh import BrickMesh
@@ -30,6 +33,10 @@ CHUNK_FOLDER = "chunks"
 CHUNK_SUFFIX = ".chunk"
 TOUCH_SECONDS = 60.0  # a chunk whose last use is noted as more recent is not noted again
 STALE_SECONDS = 3600.0  # a temporary file as old as that was left by a process that was killed
+MAPPED_BYTES = 1 << 14  # plain chunks of this size or more are mapped
+MOST_MAPPED = (
+    20_000  # by one store: a process may have some 65 thousand mappings, and needs them for memory too
+)
 FULL = (errno.ENOSPC, errno.EDQUOT)
 PRUNE_TO = 0.9  # of the budget: so that not every new chunk makes the store look through the folder
 
@@ -116,6 +123,8 @@ class MeshStore:
         or read itself, so one run may go beyond its budget and never loses what it needs.
     read_only : bool
         Write, remove and touch nothing; `put` raises.
+    plain : bool
+        Write chunks that need no decoding (`plain_chunks`), six times as large. Both kinds are read in any case.
 
     Attributes
     ----------
@@ -125,8 +134,18 @@ class MeshStore:
         One line per damaged chunk: which, and why.
     """
 
-    def __init__(self, folder: Path, *, budget_bytes: int | None = None, read_only: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        budget_bytes: int | None = None,
+        read_only: bool = False,
+        plain: bool = False,
+    ) -> None:
         self.folder = folder
+        self.plain = plain
+        self._chunks = str(folder / CHUNK_FOLDER)
+        self._mapped = 0
         self.budget_bytes = budget_bytes
         self.read_only = read_only
         self.hits = self.misses = self.written = self.damaged = self.evicted = 0
@@ -149,26 +168,36 @@ class MeshStore:
         A chunk that cannot be used is counted in `damaged`, named in `notes`, and removed unless the store is
         read-only, so that whoever extracts it again can put it in its place.
         """
-        path = self.path(key)
+        path = f"{self._chunks}/{key[:2]}/{key}{CHUNK_SUFFIX}"  # pathlib takes longer than a small chunk
         self._used.add(key)
         try:
-            with path.open("rb") as file:
-                data = file.read()
-                used = os.fstat(file.fileno()).st_mtime
-            mesh = decode(data, name=bytes.fromhex(key))
+            with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+                state = os.fstat(file.fileno())
+                data = self._content(file, state.st_size)
+            mesh = _decoded(data, bytes.fromhex(key))
         except FileNotFoundError:
             with self._lock:
                 self.misses += 1
             return None
         except (OSError, CacheError) as error:
-            self._give_up(path, error)
+            self._give_up(self.path(key), error)
             return None
         with self._lock:
             self.hits += 1
-        if not self.read_only and time.time() - used > TOUCH_SECONDS:
+        if not self.read_only and time.time() - state.st_mtime > TOUCH_SECONDS:
             with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
                 os.utime(path)
         return mesh
+
+    def _content(self, file: FileIO, size: int) -> bytes | mmap.mmap:
+        """Return what a chunk's file holds, a large plain one mapped into memory."""
+        if size < MAPPED_BYTES or self._mapped >= MOST_MAPPED:
+            return file.readall()
+        start = os.pread(file.fileno(), len(PLAIN_MAGIC), 0)
+        if start != PLAIN_MAGIC:
+            return file.readall()
+        self._mapped += 1
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
     def put(self, key: str, mesh: BrickMesh) -> None:
         """Keep a mesh, which may be empty.
@@ -182,7 +211,8 @@ class MeshStore:
         """
         if self.read_only:
             raise CacheError(f"{self.folder} was opened for reading only; nothing can be added to it.")
-        data = encode(mesh, name=bytes.fromhex(key))
+        name = bytes.fromhex(key)
+        data = encode_plain(mesh, name=name) if self.plain else encode(mesh, name=name)
         self._used.add(key)  # before it is there: another thread may be making room
         with (
             full_disk_explained(),
@@ -262,7 +292,7 @@ class MeshStore:
                 continue
             count, total = count + 1, total + len(data)
             try:
-                decode(data, name=_name_of(path))
+                _decoded(data, _name_of(path))
             except CacheError as error:
                 damaged.append(DamagedChunk(path, str(error)))
         return Verified(count, total, tuple(damaged))
@@ -290,6 +320,13 @@ class MeshStore:
             with contextlib.suppress(OSError):
                 if time.time() - path.stat().st_mtime > STALE_SECONDS:
                     path.unlink()
+
+
+def _decoded(data: bytes | mmap.mmap, name: bytes) -> BrickMesh:
+    """Return the mesh of a chunk of either kind; raises as `decode` does."""
+    if isinstance(data, bytes) and data[: len(PLAIN_MAGIC)] != PLAIN_MAGIC:
+        return decode(data, name=name)
+    return decode_plain(data, name=name)
 
 
 @contextlib.contextmanager

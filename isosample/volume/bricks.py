@@ -103,8 +103,7 @@ def brick_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
     InputError
         If a brick reaches outside the volume.
     """
-    ranges = np.empty((len(bricks), 2))
-    for row, brick in enumerate(bricks):
+    for brick in bricks:
         if min(brick.start) < 0 or any(
             last >= n for last, n in zip(brick.stop, volume.size_xyz, strict=True)
         ):
@@ -112,8 +111,38 @@ def brick_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
                 f"brick {brick.index} ends at sample {brick.stop}, outside {volume.name} "
                 f"of {volume.size_xyz} samples. Make the bricks with bricks_of(volume.size_xyz)."
             )
-        ranges[row] = finite_range(volume.array[brick.slices])
-    return ranges
+    ranges = finite_ranges(volume, bricks)
+    if ranges is not None:
+        return ranges
+    found = [finite_range(volume.array[brick.slices]) for brick in bricks]
+    return np.array(found, dtype=np.float64).reshape(-1, 2)
+
+
+def finite_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64 | None:
+    """Return `brick_ranges` of bricks inside a volume; None if kernels cannot tell, or not all samples are finite."""
+    samples = compilable(volume.array)
+    if samples is None or (
+        samples.dtype.itemsize == 8 and samples.dtype.kind in "iu"
+    ):  # these may be rounded
+        return None
+    from isosample.volume.range_kernels import block_ranges
+
+    firsts = np.array([brick.start for brick in bricks], dtype=np.int64).reshape(-1, 3)
+    stops = np.array([brick.stop for brick in bricks], dtype=np.int64).reshape(-1, 3) + 1
+    ranges = np.empty((len(bricks), 2))
+    return ranges if block_ranges(samples, firsts, stops, ranges) else None
+
+
+def compilable(samples: object) -> SampleArray | None:
+    """Return samples as a compiled kernel can read them, where they are in memory; else None."""
+    fits = (
+        isinstance(samples, np.ndarray)
+        and samples.flags.c_contiguous
+        and samples.dtype.isnative
+        and samples.dtype.itemsize <= 8
+        and samples.dtype != np.float16
+    )
+    return np.asarray(samples) if fits else None
 
 
 def _spans(sample_count: int, cells: int) -> list[tuple[int, int]]:

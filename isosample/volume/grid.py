@@ -116,6 +116,12 @@ class GridGeometry:
         return matrix
 
     @property
+    def left_handed(self) -> bool:
+        """Whether the axes x, y, z of the samples are a left-handed system in world space."""
+        (a, b, c), (d, e, f), (g, h, i) = self.direction.tolist()
+        return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0)
+
+    @property
     def box(self) -> Box:
         """The oriented box from the first to the last sample [world]."""
         last_index = np.array(self.size_xyz, dtype=np.float64) - 1

@@ -121,7 +121,9 @@ def test_the_histogram_shows_counts_and_the_transfer_function() -> None:
     assert heights[1] == heights[3] == bottom  # the empty bin, and the end
     assert heights[2] < heights[0] < bottom
     colors = [one.get("stop-color") for one in root.iter(f"{SVG}stop")]
-    assert colors[21] == "#bc00bc"  # at 1, a third of the way: half red and half blue, sRGB of 0.5 being 187.5
+    assert (
+        colors[21] == "#bc00bc"
+    )  # at 1, a third of the way: half red and half blue, sRGB of 0.5 being 187.5
     (impulse,) = [one for one in root if one.get("stroke") == "#ffffff"]
     assert impulse.get("stroke-width") == "3"
 
