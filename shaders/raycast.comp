@@ -31,6 +31,9 @@
 #ifndef PEAKS
 #error "PEAKS: most peaks of an entry of the peak table, 1 to 4"
 #endif
+#ifndef ADAPTIVE
+#error "ADAPTIVE: 1 steps of a multiple that the macrocell tells, 0 of one sample"
+#endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours, 0 does not"
 #endif

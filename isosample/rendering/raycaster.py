@@ -269,6 +269,7 @@ class RayCaster:
 
     def _program(self, settings: RenderSettings) -> moderngl.Program | moderngl.ComputeShader:
         constants = self._volume.constants() | self._transfer.constants()
+        constants["ADAPTIVE"] = int(self._settings.adaptive)
         constants["SHADING"] = int(settings.material is not None)
         if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
             return self._programs.compute("raycast.comp", **constants)

@@ -68,52 +68,51 @@ bool leave(Room room, inout March march) {
     return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
 }
 
-// Composites the stretches of a room: steps of `multiplier` samples inside, of a single one into it and out of it.
-// False if the ray has to go on in another call.
-bool cross_room(Room room, int multiplier, inout March march, inout int loops) {
-    float entry_number = number_at(march.entry);
-    float exit_number = number_at(min(room.exit, ray.end));
-    int inside = int(floor(exit_number));
-    int last = int(ceil(exit_number));
-    march.number = max(march.number, int(floor(entry_number)));
-    if (march.number >= last) return true;
+ivec3 macrocell_at(vec3 index) {
+    return min(ivec3(index * (1.0 / float(raycast.macrocells.w))), raycast.macrocells.xyz - 1);
+}
+
+// Number of the sample after one. Steps of `multiplier` samples stay inside the macrocell of both their ends; a step into
+// it and one out of it are of a single sample.
+int next_number(March march, uint multiplier) {
+#if ADAPTIVE
+    ivec3 here = macrocell_at(ray_at(numbered_distance(march.number)));
+    Room room = room_around(march, 0);
+    int inside = int(floor(number_at(min(room.exit, ray.end))));
+    if (here == march.cell && march.number < inside) return min(march.number + int(multiplier), inside);
+#endif
+    return march.number + 1;
+}
+
+// Composites stretches until a sample lies in an empty macrocell, or the ray ends: software renderers execute what is
+// inside a loop, taken or not, so there is nothing in this one but a sample, its stretch and a look at its macrocell.
+// `cell` is what the grid holds at `march.cell`.
+void run(int last, inout March march, inout uvec4 cell, inout uint visited, inout int loops) {
     float start = numbered_distance(march.number);
     if (march.number != ray.sampled) {
         ray.value = field(ray_at(start));
         ++ray.samples;
     }
-    while (march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0) {
-        bool whole = float(march.number) >= entry_number && march.number < inside;
-        march.number = whole ? min(march.number + multiplier, inside) : march.number + 1;
+    bool on = true;
+    while (on) {
+        march.number = next_number(march, cell.g);
         float end = numbered_distance(march.number);
-        float back = field(ray_at(end));
+        vec3 index = ray_at(end);
+        float back = field(index);
         ++ray.samples;
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
-        start = end;
-        ray.value = back;
         loops -= 1 + spent_loops / TURNS_OF_LOOP;
         spent_loops = 0;
+        start = end;
+        ray.value = back;
+        ivec3 next = macrocell_at(index);
+        cell = texelFetch(macrocells, next, 0);
+        if (cell.r == 0u && next != march.cell) ++visited;
+        march.cell = next;
+        on = cell.r == 0u && march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0;
     }
     ray.sampled = march.number;
-    return march.number >= last || ray.transmittance < frame.min_transmittance;
-}
-
-// Leaps to the next macrocell that shows something, and its room; `ended` if there is none. A loop of its own: the lanes of a
-// vector come to their next samples together.
-uvec4 occupied_cell(inout March march, out Room room, inout int loops, inout uint skipped, inout bool ended) {
-    uvec4 cell = texelFetch(macrocells, march.cell, 0);
-    room = room_around(march, int(cell.r));
-    while (cell.r != 0u && loops > 0) {
-        --loops;
-        ++skipped;
-        if (!leave(room, march)) {
-            ended = true;
-            break;
-        }
-        cell = texelFetch(macrocells, march.cell, 0);
-        room = room_around(march, int(cell.r));
-    }
-    return cell;
+    march.entry = start;
 }
 
 // True if the ray is at its end; else `march` is where it goes on.
@@ -121,15 +120,22 @@ bool march_on(inout March march) {
     int loops = raycast.loop_limit;
     uint visited = 0u;
     uint skipped = 0u;
-    bool ended = false;
+    int last = int(ceil(number_at(ray.end)));
+    bool ended = march.number >= last;
+    uvec4 cell = texelFetch(macrocells, march.cell, 0);
     while (!ended && loops > 0) {
-        --loops;
-        Room room;
-        uvec4 cell = occupied_cell(march, room, loops, skipped, ended);
-        if (ended || cell.r != 0u) break;
+        while (cell.r > 0u && !ended && loops > 0) {
+            --loops;
+            ++skipped;
+            ended = !leave(room_around(march, int(cell.r)), march);
+            if (!ended) cell = texelFetch(macrocells, march.cell, 0);
+        }
+        march.number = max(march.number, int(floor(number_at(march.entry))));
+        ended = ended || march.number >= last;
+        if (ended || cell.r > 0u) break;
         ++visited;
-        if (!cross_room(room, int(cell.g), march, loops)) break;
-        ended = ray.transmittance < frame.min_transmittance || !leave(room, march);
+        run(last, march, cell, visited, loops);
+        ended = march.number >= last || ray.transmittance < frame.min_transmittance;
     }
     if (visited > 0u) atomicAdd(counters.macrocells, visited);
     if (skipped > 0u) atomicAdd(counters.skipped, skipped);
