@@ -79,11 +79,12 @@ class GpuTimer:
     """
 
     def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
         self._query = ctx.query(time=True)
 
     @contextmanager
     def block(self) -> Iterator[None]:
-        """Time the commands issued inside the ``with`` block.
+        """Time the commands issued inside the ``with`` block, and await them.
 
         Yields
         ------
@@ -91,9 +92,10 @@ class GpuTimer:
         """
         with self._query:
             yield
+        self._ctx.finish()  # else a software renderer ends the query when it pleases
 
     def seconds(self) -> float | None:
-        """Time of the last block [s], which is awaited; None where the driver does not tell it.
+        """Time of the last block [s]; None where the driver does not tell it.
 
         Returns
         -------
