@@ -15,7 +15,7 @@ from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
 from isosample.compare.contenders import METHODS, ComparedScene, Parameter, Setting
 from isosample.compare.conventions import grain_band_of
-from isosample.compare.experiment import run_experiment
+from isosample.compare.experiment import Experiment, run_experiment
 from isosample.compare.frames import time_frames
 from isosample.compare.metrics import rmse
 from isosample.compare.results import write_results, write_table
@@ -116,6 +116,24 @@ def test_the_verdict_follows_from_the_file(document: dict[str, Any]) -> None:
     found = document["verdict"]["break_even"]
     expected = recomputed_break_even(document["entries"], targets)
     assert expected == (None if found is None else (found["target"], found["frames"]))
+
+
+def test_the_verdict_on_a_scan_follows_from_its_numbers(real_volumes: Path, gl: object) -> None:
+    volume = isosample.open_volume(real_volumes / "nucleon.nhdr")
+    scene = ComparedScene(
+        volume=volume, transfer_function=isosample.TransferFunction.suggest(volume), size=(32, 32)
+    )
+    sweep = Sweep(steps=(2.0, 0.5), per_slopes=(1, 5), tolerances=())
+    camera = isosample.Camera.orbit(volume.box, azimuth=30.0)
+    found = run_experiment(
+        Experiment(scene=scene, cameras=(camera,), sweep=sweep, repeat=3)
+    ).results.to_dict()
+    targets = found["settings"]["targets"]
+    races = {race["target"]: race["seconds"] for race in found["verdict"]["races"]}
+    assert races == recomputed_fastest(found["entries"], targets)
+    told = found["verdict"]["break_even"]
+    expected = recomputed_break_even(found["entries"], targets)
+    assert expected == (None if told is None else (told["target"], told["frames"]))
 
 
 def test_the_table_has_every_number_of_the_file(document: dict[str, Any], tmp_path: Path) -> None:
