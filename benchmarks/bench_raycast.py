@@ -19,6 +19,7 @@ from isosample.rendering.raycast_settings import (
     PeakWeight,
     Quadrature,
     RaycastSettings,
+    TransferLookup,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +41,11 @@ PEAKS = {
     "crossings": Crossings.EXACT,
 }
 OURS: dict[str, dict[str, object]] = {
+    "post-classified, Riemann, sampled TF": {
+        **POST,
+        "quadrature": Quadrature.RIEMANN,
+        "transfer_lookup": TransferLookup.TEXTURE,
+    },
     "post-classified, trapezoid": {**POST},
     "pre-integrated, exact": {**PRE},
     "pre-integrated, exact, adaptive": {**PRE, "adaptive": True},

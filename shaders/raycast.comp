@@ -34,6 +34,9 @@
 #ifndef ADAPTIVE
 #error "ADAPTIVE: 1 steps of a multiple that the macrocell tells, 0 of one sample"
 #endif
+#ifndef RESUMED
+#error "RESUMED: 1 goes on with rays from their states, 0 begins them"
+#endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours, 0 does not"
 #endif

@@ -201,12 +201,11 @@ class RayCaster:
         target = self._make_target(width, height)
         frame = camera_block(self._geometry, camera, (width, height), settings)
         block = self._raycast_block(camera, (width, height))
-        program = self._program(settings)
         found = RayStatistics()
         done = 0
         for tile in strips(width, height, TILE_PIXELS):
             with self.timer.stage("render"):
-                self._cast(tile, frame, block, program, found)
+                self._cast(tile, frame, block, settings, found)
             done += tile.pixel_count
             if progress is not None:
                 progress("render", done, width * height)
@@ -224,25 +223,24 @@ class RayCaster:
         tile: Tile,
         frame: npt.NDArray[np.void],
         block: npt.NDArray[np.void],
-        program: moderngl.Program | moderngl.ComputeShader,
+        settings: RenderSettings,
         found: RayStatistics,
     ) -> None:
         """March the rays of a tile to their ends, in as many calls as the longest one takes."""
         set_tile(frame, tile, 0)
         self._frame_buffer.write(frame.tobytes())
+        self._raycast_buffer.write(block.tobytes())
         self._bind()
         found.tiles += 1
-        unfinished = tile.pixel_count
-        block["resumed"] = 0
+        unfinished, resumed = tile.pixel_count, False
         while unfinished:
-            self._raycast_buffer.write(block.tobytes())
             self._counters.clear()
-            self._run(tile, program)
+            self._run(tile, self._program(settings, resumed=resumed))
             self._ctx.memory_barrier()
             counters = np.frombuffer(self._counters.read(), dtype=storage_dtype("RayCounters"))[0]
             found.add(counters)
             unfinished = int(counters["unfinished_rays"])
-            block["resumed"] = 1
+            resumed = True
 
     def _run(self, tile: Tile, program: moderngl.Program | moderngl.ComputeShader) -> None:
         """Call the shader once for every pixel of a tile."""
@@ -267,10 +265,12 @@ class RayCaster:
 
     # -- what the shader is told ------------------------------------------------------------------
 
-    def _program(self, settings: RenderSettings) -> moderngl.Program | moderngl.ComputeShader:
+    def _program(
+        self, settings: RenderSettings, *, resumed: bool
+    ) -> moderngl.Program | moderngl.ComputeShader:
         constants = self._volume.constants() | self._transfer.constants()
         constants["ADAPTIVE"] = int(self._settings.adaptive)
-        constants["SHADING"] = int(settings.material is not None)
+        constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
         if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
             return self._programs.compute("raycast.comp", **constants)
         return self._programs.graphics("screen.vert", "raycast.frag", **constants)

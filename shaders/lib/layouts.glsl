@@ -122,7 +122,6 @@ struct Raycast {
     float table_length;  // stretch of its first layer [world]
     float table_ratio;   // natural logarithm of the length of one layer over that of the one before
     int loop_limit;      // iterations after which a ray is put aside until the next call
-    int resumed;         // 1: rays go on from their states
 };
 
 // Where a ray is, between two calls.

@@ -123,11 +123,17 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
     ivec2 in_tile = pixel - frame.tile_origin;
     int place = in_tile.y * frame.tile_size.x + in_tile.x;
     color = vec4(0.0);
-    if (raycast.resumed != 0 && states[place].sample_index < 0) return false;
+#if RESUMED
+    if (states[place].sample_index < 0) return false;
+#endif
     begin_ray(pixel);
     bool ended = true;
     if (ray.start < ray.end) {
-        March state = raycast.resumed != 0 ? resumed_march(states[place]) : fresh_march();
+#if RESUMED
+        March state = resumed_march(states[place]);
+#else
+        March state = fresh_march();
+#endif
         ended = march_on(state);
         if (!ended) states[place] = state_of(state);
     }
