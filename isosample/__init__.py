@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import UpAxis as UpAxis
     from isosample.rendering.film import Film as Film
     from isosample.rendering.image import Image as Image
+    from isosample.rendering.method_choice import choose_method as choose_method
     from isosample.rendering.pipeline import Renderer as Renderer
     from isosample.rendering.pipeline import render as render
     from isosample.rendering.pipeline import render_surfaces as render_surfaces
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
+    from isosample.rendering.step_search import step_for_tolerance as step_for_tolerance
     from isosample.rendering.turntable import turntable as turntable
     from isosample.surfaces.extract import extract_meshes
     from isosample.surfaces.extract import extract_surfaces as extract_surfaces
@@ -85,6 +87,7 @@ _HOMES = {
     "TransferLookup": "rendering.raycast_settings",
     "UpAxis": "rendering.camera",
     "Volume": "volume.grid",
+    "choose_method": "rendering.method_choice",
     "extract": "surfaces.extract:extract_meshes",
     "extract_surfaces": "surfaces.extract",
     "open_volume": "volume.readers",
@@ -93,6 +96,7 @@ _HOMES = {
     "render": "rendering.pipeline",
     "render_reference": "rendering.reference_image",
     "render_surfaces": "rendering.pipeline",
+    "step_for_tolerance": "rendering.step_search",
     "turntable": "rendering.turntable",
 }
 

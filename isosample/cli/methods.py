@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
 from isosample.errors import InputError
@@ -14,6 +14,9 @@ DATA_CENTRIC, REFERENCE = "data-centric", "reference"
 POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING = "post-classified", "pre-integrated", "peak-finding"
 RAYCAST_METHODS = (POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING)
 METHODS = (DATA_CENTRIC, *RAYCAST_METHODS, REFERENCE)
+AUTO = "auto"
+CHOSEN_FROM = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)  # by --method auto
+STEP_OPTIONS = ("step", "sampling", "pixel_scale", "adaptive", "jitter")  # a tolerance decides in their place
 
 SURFACE_OPTIONS = {  # with their defaults
     "cache": None,
@@ -70,6 +73,10 @@ def check_method(args: argparse.Namespace) -> None:
     args : Namespace
         Of `isosample render`.
     """
+    if args.method == AUTO:
+        methods_left(args)
+        _check_needs(args)
+        return
     if args.method != DATA_CENTRIC:
         _refuse_surface_options(args)
     if args.method == REFERENCE and args.stage != "auto":
@@ -79,6 +86,46 @@ def check_method(args: argparse.Namespace) -> None:
     for name, methods in RAYCAST_OPTIONS.items():
         if getattr(args, name) is not None and args.method not in methods:
             _refuse_raycast_option(option(name), args.method, methods)
+    _check_needs(args)
+
+
+def methods_left(args: argparse.Namespace) -> list[str]:
+    """Methods among which `auto` may choose: those that have all the options that are given.
+
+    Raises
+    ------
+    InputError
+        If there are none; two options that no method has both are named.
+    """
+    left = list(CHOSEN_FROM)
+    placed = [name for name in STEP_OPTIONS if getattr(args, name) is not None]
+    if args.tolerance is not None and placed:
+        raise InputError(
+            f"--tolerance {args.tolerance:g} and {option(placed[0])} both decide about the samples; leave out one of "
+            "them."
+        )
+    given: list[tuple[str, tuple[str, ...]]] = [
+        (name, (DATA_CENTRIC,))
+        for name, default in SURFACE_OPTIONS.items()
+        if name != "tolerance" and getattr(args, name) != default
+    ]
+    given += [(name, owners) for name, owners in RAYCAST_OPTIONS.items() if getattr(args, name) is not None]
+    for name, owners in given:
+        fitting = [method for method in left if method in owners]
+        if not fitting:
+            before = next(
+                other for other, theirs in given if not set(theirs) & set(owners) & set(CHOSEN_FROM)
+            )
+            raise InputError(
+                f"{option(name)} belongs to --method {' and '.join(owners)}, and {option(before)} does not; leave out "
+                "one of them."
+            )
+        left = fitting
+    return left
+
+
+def _check_needs(args: argparse.Namespace) -> None:
+    """Raise where an option says nothing with the value of another."""
     for name, (other, fitting, default) in NEEDS.items():
         chosen = getattr(args, other) or default
         if getattr(args, name) is not None and chosen not in fitting:
@@ -86,6 +133,11 @@ def check_method(args: argparse.Namespace) -> None:
                 f"{option(name)} goes with {option(other)} {' or '.join(fitting)}, not {chosen}; leave it out, or add "
                 f"{option(other)} {fitting[0]}."
             )
+
+
+def choice_statistics(args: argparse.Namespace) -> dict[str, Any]:
+    """What the statistics say about an automatic choice; nothing without one."""
+    return {} if args.choice is None else {"choice": args.choice}
 
 
 def check_volume_is_named(args: argparse.Namespace) -> None:

@@ -2,39 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
-from isosample.cli.methods import RAYCAST_OPTIONS, check_volume_is_named
+from isosample.cli.methods import (
+    NEEDS,
+    PEAK_FINDING,
+    RAYCAST_OPTIONS,
+    check_volume_is_named,
+    choice_statistics,
+)
 from isosample.cli.outputs import write_json
 from isosample.cli.turntable import cameras_of, run_turntable
 
 if TYPE_CHECKING:
     import argparse
 
+    from isosample.cli.auto import Opened
     from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
     from isosample.rendering.raycast_settings import RaycastSettings
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.turntable import FrameLog
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
 
 
 def run_raycast(
-    args: argparse.Namespace, settings: RenderSettings, camera: Camera | None, log: FrameLog
+    args: argparse.Namespace,
+    settings: RenderSettings,
+    camera: Camera | None,
+    log: FrameLog,
+    opened: Opened | None = None,
 ) -> int:
-    """Cast the rays of one picture, write it, and sum up."""
+    """Cast the rays of one picture, or of a film, write it, and sum up."""
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
     from isosample.gl.context import shared_context
     from isosample.rendering.raycaster import RayCaster
 
     raycast = raycast_settings_of(args)
     check_volume_is_named(args)
-    given = load_transfer_function(args.tf)
-    volume = open_source_volume(args, args.source)
-    shared_context()
     masked = args.nan == "masked"
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    if opened is None:
+        given = load_transfer_function(args.tf)
+        volume = open_source_volume(args, args.source)
+        shared_context()
+        tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    else:
+        volume, tf, origin = opened.volume, opened.transfer_function, opened.tf_origin
+    more: dict[str, Any] = {"source": str(args.source), "transfer_function": origin} | choice_statistics(args)
+    fields: dict[str, str] = {}
+    if args.tolerance is not None:  # of an automatic choice
+        raycast, report = _step_for(args, volume, tf, raycast)
+        more["tolerance"], fields["tolerance"] = report, step_line(report)
     if args.turntable is not None:
         with RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
             return run_turntable(
@@ -44,8 +66,8 @@ def run_raycast(
                     camera=one, size=args.size, settings=settings, progress=progress
                 ),
                 log,
-                more={"source": str(args.source), "transfer_function": origin},
-                fields={},
+                more=more,
+                fields=fields,
             )
     with progress_bars() as progress, RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
         image = caster.render(
@@ -53,8 +75,8 @@ def run_raycast(
         )
     image.save(args.output)
     if args.stats:
-        write_json(args.stats, image.stats | {"source": str(args.source), "transfer_function": origin})
-    _summarise(image, args, log.elapsed)
+        write_json(args.stats, image.stats | more)
+    _summarise(image, args, log.elapsed, fields)
     return 0
 
 
@@ -88,6 +110,8 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
     chosen: dict[str, Any] = {
         name: kinds[name](value) if name in kinds else value for name, value in given.items()
     }
+    if args.choice is not None and args.method == PEAK_FINDING:
+        chosen = exact_peaks(args) | chosen
     return RaycastSettings(
         classification=Classification(args.method),
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
@@ -95,7 +119,37 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
     )
 
 
-def _summarise(image: Image, args: argparse.Namespace, duration: float) -> None:
+def exact_peaks(args: argparse.Namespace) -> dict[str, Any]:
+    """What an automatic choice means by peak finding, where the options do not say otherwise."""
+    from isosample.rendering.raycast_settings import Crossings, PeakWeight
+
+    by_table = any(getattr(args, name) is not None for name in NEEDS if NEEDS[name][0] == "crossings")
+    return {"peak_weight": PeakWeight.INTEGRAL, **({} if by_table else {"crossings": Crossings.EXACT})}
+
+
+def _step_for(
+    args: argparse.Namespace, volume: Volume, tf: TransferFunction, raycast: RaycastSettings
+) -> tuple[RaycastSettings, dict[str, Any]]:
+    """Search for the step that a tolerance needs."""
+    from isosample.rendering.step_search import step_for_tolerance
+
+    with progress_bars() as progress:
+        found = step_for_tolerance(
+            volume, tf, args.tolerance, raycast=raycast, nan_masked=args.nan == "masked", progress=progress
+        )
+    return replace(raycast, step=found.step), found.report
+
+
+def step_line(report: dict[str, Any]) -> str:
+    """What a search for a step found."""
+    verdict = "reached" if report["missed"] is None else f"NOT reached, {report['missed']}"
+    return (
+        f"{report['tolerance']:.3g}: {verdict}; with steps of {report['step']:.3g} voxels all but 0.1 % of the pixels "
+        f"of {len(report['views'])} views err less than {report['reached']:.2g}"
+    )
+
+
+def _summarise(image: Image, args: argparse.Namespace, duration: float, more: dict[str, str]) -> None:
     """Write the picture's path and what it took."""
     stats = image.stats
     width, height = stats["size"]
@@ -107,7 +161,7 @@ def _summarise(image: Image, args: argparse.Namespace, duration: float) -> None:
         "macrocells per ray": f"{macrocells['visited_per_ray']:.1f} visited, {macrocells['skipped_per_ray']:.1f} "
         f"skipped; {thousands(macrocells['occupied'])} of {thousands(macrocells['of'])} are occupied",
     }
-    say_fields(fields | {"seconds": seconds(duration)})
+    say_fields(fields | more | {"seconds": seconds(duration)})
     hidden = stats["not_shown"].get("isosurfaces", 0)
     if hidden:
         say(

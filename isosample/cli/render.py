@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars
-from isosample.cli.methods import DATA_CENTRIC, METHODS, RAYCAST_METHODS, REFERENCE, check_method
+from isosample.cli.methods import (
+    AUTO,
+    DATA_CENTRIC,
+    METHODS,
+    RAYCAST_METHODS,
+    REFERENCE,
+    check_method,
+    choice_statistics,
+)
 from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
 from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
@@ -20,6 +29,7 @@ from isosample.errors import InputError
 if TYPE_CHECKING:
     import argparse
 
+    from isosample.cli.auto import Opened
     from isosample.cli.parser import Commands
     from isosample.cli.sources import PreparedScene
     from isosample.rendering.camera import Camera
@@ -41,6 +51,7 @@ isosample render head.nrrd --method post-classified --step 1/4 -o head.png
 isosample render head.nrrd --method pre-integrated --sampling differential --stats head.json -o head.png
 isosample render head.nrrd --method peak-finding --peak-weight integral --crossings exact -o head.png
 isosample render head.nrrd --method reference --size 200x200 -o head.npy
+isosample render head.nrrd --tf bone.json --method auto -o head.png
 isosample render head.nrrd --elevation 20 --turntable 72 --background 1,1,1 -o head.mp4"""
 
 
@@ -97,12 +108,14 @@ def add_parser(commands: Commands) -> None:
     )
     parser.add_argument(
         "--method",
-        choices=METHODS,
+        choices=(*METHODS, AUTO),
         default=DATA_CENTRIC,
         help="data-centric: through isosurfaces, by OpenGL (default); post-classified, pre-integrated, peak-finding: "
         "through samples of the volume, by the ray caster; reference: the field itself in float64 to 1e-10, without "
-        "OpenGL, for comparison",
+        "OpenGL, for comparison; auto: of data-centric, pre-integrated and peak-finding the one that is estimated to "
+        "be the fastest, with the preparation and all frames",
     )
+    parser.set_defaults(choice=None)
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
@@ -129,6 +142,11 @@ def run(args: argparse.Namespace) -> int:
     settings = settings_of(args)
     _check_outputs(args)
     camera = camera_of(args)
+    opened = None
+    if args.method == AUTO:
+        from isosample.cli.auto import choose
+
+        opened = choose(args, settings, camera)
     if args.method == REFERENCE:
         from isosample.cli.reference import run_reference
 
@@ -136,8 +154,8 @@ def run(args: argparse.Namespace) -> int:
     if args.method in RAYCAST_METHODS:
         from isosample.cli.raycast import run_raycast
 
-        return run_raycast(args, settings, camera, log)
-    scene = _prepare(args)
+        return run_raycast(args, settings, camera, log, opened)
+    scene = _prepare(args, opened)
     if args.plan:
         from isosample.cli.plan_table import say_plan
 
@@ -238,6 +256,7 @@ def scene_statistics(scene: PreparedScene, args: argparse.Namespace) -> dict[str
         "source": str(args.source),
         "transfer_function": scene.tf_origin,
         "levels_reused": scene.surfaces.statistics.levels_reused,
+        **choice_statistics(args),
     }
 
 
@@ -259,11 +278,14 @@ def _check_outputs(args: argparse.Namespace) -> None:
         probe_folder(nearest_existing(args.cache))
 
 
-def _prepare(args: argparse.Namespace) -> PreparedScene:
+def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     """Return the scene of the source; a missing driver is told before the long work."""
     from isosample.cli import sources
     from isosample.gl.context import shared_context
 
+    if opened is not None:
+        scene = _extract(args, opened.volume, opened.transfer_function)
+        return replace(scene, tf_origin=opened.tf_origin)
     transfer_function = sources.load_transfer_function(args.tf)
     if sources.is_cache_folder(args.source):
         sources.refuse_volume_options(args, args.source, MESH_OPTIONS)

@@ -1,0 +1,371 @@
+"""Which method shows a scene at the least cost: an estimate from the plan and the data, without rendering.
+
+The figures of `method_costs.py` come from ``python -m benchmarks.bench_method_choice --write``, which measures scenes
+of known load and fits seconds per unit of work.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from isosample.defaults import DEFAULT_SIZE
+from isosample.errors import InputError
+from isosample.gl.context import is_software, shared_context
+from isosample.rendering import method_costs
+from isosample.rendering.camera import Camera
+from isosample.rendering.preparation import Quality, plan_for
+from isosample.rendering.raycast_settings import Classification, Crossings, PeakWeight, RaycastSettings
+from isosample.rendering.scene_load import LoadEstimator
+from isosample.rendering.settings import RenderSettings, check_size
+from isosample.rendering.step_search import LONGEST, SHORTEST
+from isosample.surfaces.settings import ExtractionSettings, check_volume
+from isosample.transfer.isovalue_plan import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from isosample.rendering.scene_load import SceneLoad
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+DATA_CENTRIC = "data-centric"
+PRE_INTEGRATED = Classification.PRE_INTEGRATED.value
+PEAK_FINDING = Classification.PEAK_FINDING.value
+CHOICES = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)
+
+# What the seconds of a stage go with; `start` is what every picture costs. The names are those of `SceneLoad`.
+FEATURES: dict[str, tuple[str, ...]] = {
+    f"{DATA_CENTRIC} prepare": ("start", "scanned_cells", "triangles"),
+    f"{DATA_CENTRIC} frame": (
+        "start",
+        "pixels",
+        "triangles",
+        "fragments",
+        "ordered_fragments",
+        "resolved_fragments",
+    ),
+    f"{PRE_INTEGRATED} prepare": ("start", "voxels"),
+    f"{PRE_INTEGRATED} frame": ("start", "pixels", "samples", "pieces", "macrocells"),
+    f"{PEAK_FINDING} prepare": ("start", "voxels"),
+    f"{PEAK_FINDING} frame": ("start", "pixels", "visible_length", "samples", "pieces", "macrocells"),
+}
+ASSUMED_SPEED = 50.0  # of a GPU over the software renderer, where its own figures are not measured
+
+
+@dataclass(frozen=True, slots=True)
+class CostEstimate:
+    """Seconds that a method is expected to take.
+
+    Attributes
+    ----------
+    method : str
+    prepare_seconds : float
+        Before the first frame: plan, extraction, upload, programs; volume and macrocells.
+    frame_seconds : float
+        Of every frame.
+    frames : int
+    """
+
+    method: str
+    prepare_seconds: float
+    frame_seconds: float
+    frames: int
+
+    @property
+    def total_seconds(self) -> float:
+        """Of all frames with the preparation."""
+        return self.prepare_seconds + self.frames * self.frame_seconds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MethodChoice:
+    """A method, and why.
+
+    Attributes
+    ----------
+    method : str
+        ``data-centric``, ``pre-integrated`` or ``peak-finding``.
+    reason : str
+        In words.
+    estimates : tuple of CostEstimate
+        Of every method that was possible, the cheapest first.
+    load : SceneLoad
+        What the estimates are made from.
+    measured : str
+        Where the seconds per unit of work come from.
+    estimate_seconds : float
+        That the choice itself took.
+    """
+
+    method: str
+    reason: str
+    estimates: tuple[CostEstimate, ...]
+    load: SceneLoad
+    measured: str
+    estimate_seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, JSON-ready."""
+        return {
+            "method": self.method,
+            "reason": self.reason,
+            "estimated_seconds": {
+                one.method: {
+                    "prepare": one.prepare_seconds,
+                    "frame": one.frame_seconds,
+                    "frames": one.frames,
+                    "total": one.total_seconds,
+                }
+                for one in self.estimates
+            },
+            "load": self.load.to_dict(),
+            "measured": self.measured,
+            "estimate_seconds": self.estimate_seconds,
+        }
+
+
+def choose_method(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    *,
+    cameras: Sequence[Camera] | None = None,
+    size: tuple[int, int] = DEFAULT_SIZE,
+    settings: RenderSettings | None = None,
+    quality: Quality | None = None,
+    raycast: RaycastSettings | None = None,
+    among: Sequence[str] = CHOICES,
+    software: bool | None = None,
+) -> MethodChoice:
+    """Choose the method that is expected to take the least time for all frames with their preparation.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction
+    cameras : sequence of Camera, optional
+        One per frame; `Camera.orbit(volume.box)` by default.
+    size : (width, height)
+        Pixels.
+    settings : RenderSettings, optional
+    quality : Quality, optional
+        Of the data-centric method.
+    raycast : RaycastSettings, optional
+        Of the ray caster: its step; `raycast_settings_for` says what else it should be.
+    among : sequence of str
+        Methods to choose from. Of the ray caster's two only one is estimated: peak finding where the transfer
+        function has isosurfaces or peaks too narrow for samples, else pre-integration.
+    software : bool, optional
+        Whether OpenGL runs on the processor; None: ask the driver.
+
+    Returns
+    -------
+    choice : MethodChoice
+
+    Raises
+    ------
+    InputError
+        If the volume cannot be rendered, or there is nothing to choose from.
+    OpenGLError
+        If `software` is None and there is no usable OpenGL.
+
+    Notes
+    -----
+    With a tolerance the isovalues, triangles and steps are those that tolerances took in measured scenes, and the
+    seconds of the search are added: a rough estimate, as only the search itself can tell.
+
+    The load (triangles, fragments, samples and so on) is estimated from bounds of the field, a sample of its cells
+    and some rays through a coarse grid of densities; seconds are sums of coefficients times these numbers.
+    """
+    started = time.perf_counter()
+    check_size(size)
+    settings, quality = settings or RenderSettings(), quality or Quality()
+    raycast = raycast or RaycastSettings(reconstruction=quality.reconstruction)
+    unknown = sorted(set(among) - set(CHOICES))
+    if unknown or not among:
+        raise InputError(f"methods {list(among)} must be some of {', '.join(CHOICES)}.")
+    check_volume(volume, ExtractionSettings(nan_masked=True, reconstruction=quality.reconstruction))
+    cameras = cameras or [Camera.orbit(volume.box, aspect=size[0] / size[1])]
+    plan = plan_for(volume, transfer_function, quality)
+    needs = None if quality.tolerance is None else tolerance_needs(quality.tolerance)
+    step = raycast.step if needs is None else needs["step"]
+    methods = _possible(plan, among)
+    load = LoadEstimator(volume, transfer_function, quality.reconstruction).load(
+        plan, cameras, size, settings, step=step
+    )
+    load = load if needs is None else _scaled(load, needs)
+    on_processor = is_software(shared_context()) if software is None else software
+    costs = costs_of(software=on_processor)
+    shaded, smooth = settings.material is not None, quality.reconstruction.smooth
+    found = [
+        estimate_cost(method, load, costs, frames=len(cameras), shaded=shaded, smooth=smooth)
+        for method in methods
+    ]
+    if needs is not None:
+        found = [_after_search(one, needs) for one in found]
+    estimates = tuple(sorted(found, key=lambda one: one.total_seconds))
+    return MethodChoice(
+        method=estimates[0].method,
+        reason=_reason(estimates, among),
+        estimates=estimates,
+        load=load,
+        measured=_measured(software=on_processor),
+        estimate_seconds=time.perf_counter() - started,
+    )
+
+
+def raycast_settings_for(method: str, template: RaycastSettings | None = None) -> RaycastSettings:
+    """Settings of the ray caster that `choose_method` means by a method: exact integration, exact crossings.
+
+    Parameters
+    ----------
+    method : str
+        ``pre-integrated`` or ``peak-finding``.
+    template : RaycastSettings, optional
+        Everything else.
+    """
+    template = template or RaycastSettings()
+    classification = Classification(method)
+    if classification is not Classification.PEAK_FINDING:
+        return dataclasses.replace(template, classification=classification)
+    return dataclasses.replace(
+        template,
+        classification=classification,
+        peak_weight=PeakWeight.INTEGRAL,
+        crossings=Crossings.EXACT,
+    )
+
+
+def estimate_cost(
+    method: str,
+    load: SceneLoad,
+    costs: Mapping[str, Mapping[str, float]],
+    *,
+    frames: int = 1,
+    shaded: bool = False,
+    smooth: bool = False,
+) -> CostEstimate:
+    """Seconds of a method for a load.
+
+    Parameters
+    ----------
+    method : str
+        One of `CHOICES`.
+    load : SceneLoad
+    costs : mapping
+        Of `costs_of`.
+    frames : int
+    shaded : bool
+        Whether the picture is lit.
+    smooth : bool
+        Whether the reconstruction is smooth.
+    """
+    seconds = {
+        stage: sum(cost * _amount(load, name) for name, cost in costs[f"{method} {stage}"].items())
+        for stage in ("prepare", "frame")
+    }
+    factors = costs["factors"]
+    for stage in seconds:
+        for holds, word in ((shaded, "shaded"), (smooth, "smooth")):
+            seconds[stage] *= factors.get(f"{method} {stage} {word}", 1.0) if holds else 1.0
+    return CostEstimate(method, seconds["prepare"], seconds["frame"], frames)
+
+
+def costs_of(*, software: bool) -> dict[str, dict[str, float]]:
+    """Seconds per unit of work by stage; of a GPU those of the software renderer with frames `ASSUMED_SPEED` faster."""
+    if software:
+        return method_costs.SOFTWARE
+    return {
+        stage: {
+            name: cost / (ASSUMED_SPEED if stage.endswith(" frame") else 1.0) for name, cost in costs.items()
+        }
+        for stage, costs in method_costs.SOFTWARE.items()
+    }
+
+
+def tolerance_needs(tolerance: float) -> dict[str, float]:
+    """What a tolerance took in measured scenes, between and beyond them by powers of the tolerance.
+
+    Parameters
+    ----------
+    tolerance : float
+
+    Returns
+    -------
+    needs : dict
+        ``isovalues`` and ``triangles``, as multiples of those without a tolerance; ``step`` [voxel];
+        ``surface_search`` and ``ray_search`` [s].
+    """
+    rows = sorted(method_costs.TOLERANCES, key=lambda row: row["tolerance"])
+    known = np.log([row["tolerance"] for row in rows])
+    at = int(np.clip(np.searchsorted(known, math.log(tolerance)), 1, len(rows) - 1))
+    part = (math.log(tolerance) - known[at - 1]) / (known[at] - known[at - 1])
+    found = {}
+    for name in rows[0].keys() - {"tolerance"}:
+        low, high = math.log(rows[at - 1][name]), math.log(rows[at][name])
+        found[name] = math.exp(low + part * (high - low))
+    found["step"] = min(max(found["step"], SHORTEST), LONGEST)
+    return found
+
+
+def _scaled(load: SceneLoad, needs: Mapping[str, float]) -> SceneLoad:
+    """The load with the isovalues and triangles of a tolerance."""
+    more = needs["isovalues"]
+    return dataclasses.replace(
+        load,
+        isovalues=round(load.isovalues * more),
+        triangles=load.triangles * needs["triangles"],
+        fragments=load.fragments * more,
+        ordered_fragments=load.ordered_fragments * more,
+        resolved_fragments=load.resolved_fragments * more,
+    )
+
+
+def _after_search(one: CostEstimate, needs: Mapping[str, float]) -> CostEstimate:
+    """An estimate with the search for a tolerance in its preparation."""
+    search = needs["surface_search" if one.method == DATA_CENTRIC else "ray_search"]
+    return dataclasses.replace(one, prepare_seconds=one.prepare_seconds + search)
+
+
+def is_sharp(plan: IsovaluePlan) -> bool:
+    """Whether a transfer function has isosurfaces, or peaks that are narrower than meshes can tell."""
+    return any(reason in (Reason.IMPULSE, Reason.SHEET) for reason in plan.reasons)
+
+
+def _possible(plan: IsovaluePlan, among: Sequence[str]) -> list[str]:
+    """Methods to estimate: of the two of the ray caster the one that suits the transfer function, or is left."""
+    rays = [method for method in among if method != DATA_CENTRIC]
+    wanted = PEAK_FINDING if is_sharp(plan) else PRE_INTEGRATED
+    kept = [wanted] if wanted in rays else rays[:1]
+    return [DATA_CENTRIC, *kept] if DATA_CENTRIC in among else kept
+
+
+def _amount(load: SceneLoad, name: str) -> float:
+    return 1.0 if name == "start" else float(getattr(load, name))
+
+
+def _reason(estimates: Sequence[CostEstimate], among: Sequence[str]) -> str:
+    first = estimates[0]
+    frames = "1 frame" if first.frames == 1 else f"{first.frames} frames"
+    if len(estimates) == 1:
+        return (
+            f"the options leave {first.method} alone"
+            if len(among) == 1
+            else f"{first.method} suits the options"
+        )
+    told = " against ".join(f"{one.total_seconds:.2g} s by {one.method}" for one in estimates)
+    return f"{told} are estimated for {frames} with the preparation"
+
+
+def _measured(*, software: bool) -> str:
+    if software:
+        return method_costs.SOFTWARE_MEASURED
+    return (
+        f"assumed, not measured: frames {ASSUMED_SPEED:g} times faster than {method_costs.SOFTWARE_MEASURED}"
+    )

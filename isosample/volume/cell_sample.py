@@ -1,0 +1,78 @@
+"""A few of a volume's cells, evenly spread: what stands for all of them in estimates."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.volume.lazy import lazily
+
+if TYPE_CHECKING:
+    from isosample.volume.grid import F64, Volume
+
+NODE = 0.5 - 0.5 / 3.0**0.5
+GAUSS = np.array([[1.0 - NODE, NODE], [NODE, 1.0 - NODE]])  # two nodes: exact for squares of linear functions
+CELLS = 100_000  # counts of cells are then known to a few percent
+
+
+class CellSample(NamedTuple):
+    """Cells with finite corners, every s-th along each axis.
+
+    Attributes
+    ----------
+    centre : (N, 3) float64
+        Sample index (x, y, z).
+    low, high : (N,) float64
+        Smallest and largest corner [data units].
+    slope : (N,) float64
+        Root mean square, over the cell, of the trilinear field's gradient [data units/world].
+    share : float
+        Cells of the volume that one of them stands for.
+    """
+
+    centre: F64
+    low: F64
+    high: F64
+    slope: F64
+    share: float
+
+
+def sample_cells(volume: Volume, most: int = CELLS) -> CellSample:
+    """Look at evenly spread cells of a volume, about `most` at most."""
+    counts = [max(size - 1, 1) for size in volume.array.shape]
+    stride = max(1, math.floor((math.prod(counts) / most) ** (1.0 / 3.0)))
+    while math.prod(-(-count // stride) for count in counts) > 2 * most:
+        stride += 1
+    samples = lazily(volume.array)
+    rows = [_slice(samples[z : z + 2], z, stride, volume) for z in range(0, counts[0], stride)]
+    centre, low, high, slope = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    looked_at = math.prod(-(-count // stride) for count in counts)
+    return CellSample(centre, low, high, slope, math.prod(counts) / looked_at)
+
+
+def _slice(pair: npt.ArrayLike, z: int, stride: int, volume: Volume) -> tuple[F64, F64, F64, F64]:
+    """Cells between two slices."""
+    layers = np.asarray(pair)
+    last = [size - 1 for size in layers.shape]
+    ends = [max(size, 1) for size in last]
+    corners = np.empty((2, 2, 2, -(-ends[1] // stride), -(-ends[2] // stride)))
+    for k, j, i in itertools.product((0, 1), repeat=3):
+        below, left = min(j, last[1]), min(i, last[2])
+        corners[k, j, i] = layers[
+            min(k, last[0]), below : below + ends[1] : stride, left : left + ends[2] : stride
+        ]
+    y, x = np.mgrid[: corners.shape[3], : corners.shape[4]] * stride + 0.5
+    centre = np.stack([x, y, np.full(x.shape, z + 0.5)], axis=-1)
+    finite = np.isfinite(corners).all(axis=(0, 1, 2))
+    kept = corners[..., finite]
+    squares = np.zeros(kept.shape[3:])
+    for axis, spacing in zip((2, 1, 0), volume.spacing, strict=True):
+        edges = np.diff(kept, axis=axis).squeeze(axis)
+        slopes = np.einsum("aj,bk,jkn->abn", GAUSS, GAUSS, edges)
+        squares += np.mean(slopes**2, axis=(0, 1)) / spacing**2
+    flat = kept.reshape(8, -1)
+    return centre[finite], flat.min(axis=0), flat.max(axis=0), np.sqrt(squares)

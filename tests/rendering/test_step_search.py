@@ -1,0 +1,96 @@
+"""The step that a tolerance needs is found by trying, and said where there is none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from isosample.rendering import method_costs, step_search
+from isosample.rendering.camera import Camera
+from isosample.rendering.method_choice import DATA_CENTRIC, PRE_INTEGRATED, choose_method, tolerance_needs
+from isosample.rendering.preparation import Quality
+from isosample.rendering.raycast_settings import RaycastSettings
+from isosample.rendering.raycaster import raycast
+from isosample.rendering.reference_image import render_reference
+from isosample.rendering.step_search import step_for_tolerance
+from isosample.volume.analytic import nucleon_like, sample_field
+from rendering.scenes import ramp_tf
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from isosample.volume.grid import Volume
+
+
+@pytest.fixture(scope="module")
+def volume() -> Volume:
+    return sample_field(nucleon_like(), (21,) * 3, lower=(0.0,) * 3, upper=(40.0,) * 3, name="nucleon")
+
+
+def test_the_step_keeps_the_tolerance_on_its_view_and_none_is_tried_in_vain(
+    gl: moderngl.Context, volume: Volume
+) -> None:
+    tf, camera = ramp_tf(0.3, 0.5, (0.0, 0.6)), Camera.orbit(volume.box, azimuth=20.0, elevation=10.0)
+    found = step_for_tolerance(volume, tf, 1 / 500, views=[camera])
+    assert found.report["missed"] is None
+    size = (step_search.PIXELS,) * 2
+    shown = raycast(volume, tf, camera=camera, size=size, raycast=RaycastSettings(step=found.step)).rgba
+    truth = render_reference(volume, tf, camera=camera, size=size).rgba
+    errors = np.abs(shown - truth).max(axis=-1)
+    # The truth of the search is known to a thousandth of the tolerance.
+    assert np.quantile(errors, 0.999, method="higher") <= 1.002 / 500
+    assert [one["error"] > 1 / 500 for one in found.report["rounds"]] == [True] * (
+        len(found.report["rounds"]) - 1
+    ) + [False]
+    assert found.step < step_search.LONGEST
+
+
+def test_a_smaller_tolerance_takes_a_shorter_step(gl: moderngl.Context, volume: Volume) -> None:
+    tf, camera = ramp_tf(0.3, 0.5, (0.0, 0.6)), Camera.orbit(volume.box, azimuth=20.0)
+    coarse, fine = (step_for_tolerance(volume, tf, e, views=[camera]).step for e in (1 / 50, 1 / 1000))
+    assert fine < coarse
+
+
+def test_a_tolerance_out_of_reach_is_told(
+    gl: moderngl.Context, volume: Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(step_search, "ROUNDS", 2)
+    found = step_for_tolerance(volume, ramp_tf(0.3, 0.5, (0.0, 0.6)), 1e-5, views=[Camera.orbit(volume.box)])
+    assert found.report["missed"] == "step"
+    assert len(found.report["rounds"]) == 2
+    assert found.error == min(one["error"] for one in found.report["rounds"])
+
+
+def test_what_tolerances_need_goes_through_the_measured_ones_by_powers(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = ("isovalues", "triangles", "surface_search", "ray_search")
+    rows = [
+        {"tolerance": 0.01, "step": 0.5, **dict.fromkeys(names, 2.0)},
+        {"tolerance": 0.0001, "step": 0.05, **dict.fromkeys(names, 200.0)},
+    ]
+    monkeypatch.setattr(method_costs, "TOLERANCES", rows)
+    assert tolerance_needs(0.01)["triangles"] == pytest.approx(2.0)
+    assert tolerance_needs(0.001)["triangles"] == pytest.approx(20.0)  # halfway, in powers
+    assert tolerance_needs(0.0001)["step"] == pytest.approx(0.05)
+    assert tolerance_needs(0.1)["triangles"] == pytest.approx(0.2)
+    assert tolerance_needs(0.5)["step"] == step_search.LONGEST  # 0.5 · sqrt(50) is beyond what is tried
+
+
+def test_a_tolerance_adds_its_search_and_its_load(volume: Volume) -> None:
+    tf, tolerance = ramp_tf(0.3, 0.5, (0.0, 0.6)), 1 / 255
+    plain, asked = (
+        {
+            one.method: one
+            for one in choose_method(
+                volume, tf, size=(64, 64), software=True, quality=Quality(tolerance=e, refine=None)
+            ).estimates
+        }
+        for e in (None, tolerance)
+    )
+    needs = tolerance_needs(tolerance)
+    for method, search in ((DATA_CENTRIC, "surface_search"), (PRE_INTEGRATED, "ray_search")):
+        assert asked[method].prepare_seconds >= plain[method].prepare_seconds + needs[search]
+        assert asked[method].frame_seconds > plain[method].frame_seconds
