@@ -199,6 +199,8 @@ def factors(clock: Clock, repetitions: int) -> dict[str, float]:
 def tolerances(clock: Clock) -> list[dict[str, float]]:
     """What tolerances take, as geometric means over scenes; minutes."""
     rows = []
+    first = next(method_scenes.learnt_from())
+    plan_for_tolerance(first.volume, first.transfer_function, 0.1)  # compiles what is compiled once
     for tolerance in TOLERANCES:
         needs: dict[str, list[float]] = {}
         for scene in list(method_scenes.learnt_from())[:2]:
@@ -251,7 +253,7 @@ def fitted(measured: list[Measured]) -> Costs:
 def write(costs: Costs, measured: str, tolerated: list[dict[str, float]]) -> None:
     """Keep a fit in the package."""
     path = Path(method_costs.__file__)
-    body = pprint.pformat(costs, width=100, sort_dicts=False)
+    body = "\\\n" + pprint.pformat(costs, width=100, sort_dicts=False)
     head = "".join(path.read_text(encoding="utf-8").splitlines(keepends=True)[:HEAD_LINES])
     path.write_text(
         f"{head}SOFTWARE: dict[str, dict[str, float]] = {body}\nSOFTWARE_MEASURED = {measured!r}\n"
