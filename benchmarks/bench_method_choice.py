@@ -48,7 +48,7 @@ from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from benchmarks.method_scenes import MethodScene
 
@@ -101,7 +101,9 @@ def report(*, quick: bool) -> str:
     clock = Clock(processor_time=False)
     learnt = measure(method_scenes.learnt_from(), clock, 2 if quick else 5)
     tried = measure(method_scenes.tried_on(QUICK_SIZE if quick else SIZE), clock, 2 if quick else 5)
-    return "## Choice of the method\n\n" + "\n".join(trial_tables(fitted(learnt), tried))
+    costs = fitted(learnt)
+    parts = [*trial_tables(costs, tried), against_the_rule(learnt, tried, costs)]
+    return "## Choice of the method\n\n" + "\n".join(parts)
 
 
 # -- measuring ------------------------------------------------------------------------------------
@@ -305,6 +307,41 @@ def trial_tables(costs: Mapping[str, Mapping[str, float]], tried: list[Measured]
     )
 
 
+def hits(pairs: Sequence[tuple[Measured, Mapping[str, Mapping[str, float]]]], frames: int) -> tuple[int, int]:
+    """How often the estimate is right, and a rule without one: surfaces for sharp transfer functions, else rays."""
+    estimated = ruled = 0
+    for one, costs in pairs:
+        methods = (DATA_CENTRIC, one.rays)
+        times = {method: one.total(method, frames) for method in methods}
+        allowed = ABOUT_EQUAL * min(times.values())
+        guesses = [estimate_cost(method, one.load, costs, frames=frames).total_seconds for method in methods]
+        estimated += times[methods[int(np.argmin(guesses))]] <= allowed
+        ruled += times[DATA_CENTRIC if one.sharp else one.rays] <= allowed
+    return estimated, ruled
+
+
+def against_the_rule(learnt: list[Measured], tried: list[Measured], costs: Costs) -> str:
+    """The estimate beside the rule, on the scenes that are tried and on those learnt from, each left out in turn."""
+    left_out = [
+        (one, fitted([other for other in learnt if other is not one]) | {"factors": {}}) for one in learnt
+    ]
+    groups = {
+        "other scenes": [(one, costs) for one in tried],
+        "scenes learnt from, each left out of the fit in turn": left_out,
+    }
+    rows = [
+        (
+            name,
+            frames,
+            f"{hits(pairs, frames)[0]} of {len(pairs)}",
+            f"{hits(pairs, frames)[1]} of {len(pairs)}",
+        )
+        for name, pairs in groups.items()
+        for frames in (1, FILM)
+    ]
+    return table(("scenes", "frames", "estimate right", "surfaces if sharp, else rays: right"), rows)
+
+
 def _keep(path: Path, parts: Mapping[str, Any]) -> None:
     path.write_text(json.dumps(parts), encoding="utf-8")
 
@@ -359,10 +396,13 @@ def main() -> None:
         }
         if arguments.measurements:
             _keep(arguments.measurements, kept)
-    costs = fitted(_kept(kept["learnt"], method_scenes.learnt_from())) | {"factors": kept["factors"]}
+    learnt = _kept(kept["learnt"], method_scenes.learnt_from())
+    tried = _kept(kept["tried"], method_scenes.tried_on(size))
+    costs = fitted(learnt) | {"factors": kept["factors"]}
     print(pprint.pformat(costs, width=110, sort_dicts=False))
-    for text in trial_tables(costs, _kept(kept["tried"], method_scenes.tried_on(size))):
+    for text in trial_tables(costs, tried):
         print(text)
+    print(against_the_rule(learnt, tried, costs))
     tolerated = tolerances(clock) if arguments.tolerances else method_costs.TOLERANCES
     if arguments.write:
         if not is_software(shared_context()):
