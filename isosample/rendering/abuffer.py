@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, LostFragmentsError
-from isosample.gl.context import drawing_into, limits
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.culling import Culling
@@ -21,6 +20,7 @@ from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
 from isosample.rendering.frame_statistics import FrameStatistics as FrameStatistics
+from isosample.rendering.picture_target import PictureTarget
 from isosample.rendering.programs import Programs
 from isosample.rendering.settings import ResolveStage, check_size
 from isosample.rendering.stage import resolve_stage, work_groups
@@ -87,7 +87,6 @@ class ABuffer:
         self._ctx = ctx
         self._geometry = scene.geometry
         self._scene = scene
-        self._limits = limits(ctx)
         self.timer = StageTimer(ctx)
         self._programs = Programs(ctx)
         with self.timer.stage("upload"):
@@ -97,7 +96,7 @@ class ABuffer:
         self._was_split = False
         self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
         self._query = ctx.query(samples=True)
-        self._target: moderngl.Framebuffer | None = None
+        self._target = PictureTarget(ctx)
         self._rasteriser: moderngl.Framebuffer | None = None
 
     def __enter__(self) -> Self:
@@ -108,7 +107,8 @@ class ABuffer:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        self._release_targets()
+        self._target.release()
+        self._release_rasteriser()
         self._device.release()
         self._programs.release()
         self._pool.release()
@@ -149,7 +149,7 @@ class ABuffer:
             If the lists hold another number of fragments than the rasteriser counted.
         """
         width, height = check_size(size)
-        target = self._make_targets(width, height)
+        self._make_targets(width, height)
         frame = self._frame(camera, (width, height), settings)
         done = 0
         for tile, rasterised in self._built_tiles(frame, width, height):
@@ -163,8 +163,8 @@ class ABuffer:
         uploads = self._device.meshes.uploads
         frame.statistics.mesh_batches, frame.statistics.mesh_bytes = uploads.batches, uploads.largest_bytes
         with self.timer.stage("read back"):
-            pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
-        return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1]), frame.statistics
+            rgba = self._target.read()
+        return rgba, frame.statistics
 
     def fragment_lists(
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings
@@ -312,26 +312,10 @@ class ABuffer:
             "SORT_CAPACITY": frame.settings.sort_capacity,
         }
         if resolve_stage(self._ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
-            self._integrate_by_fragments(tile, constants)
+            self._target.fill(tile, self._programs.graphics("screen.vert", "resolve.frag", **constants))
         else:
-            self._integrate_by_compute(tile, constants)
+            self._target.fill(tile, self._programs.compute("resolve.comp", **constants))
         self._ctx.memory_barrier()
-
-    def _integrate_by_fragments(self, tile: Tile, constants: dict[str, int]) -> None:
-        assert self._target is not None
-        screen = self._ctx.vertex_array(
-            self._programs.graphics("screen.vert", "resolve.frag", **constants), []
-        )
-        self._target.scissor = (tile.x, tile.y, tile.width, tile.height)
-        with drawing_into(self._ctx, self._target):
-            screen.render(vertices=3)
-        screen.release()
-
-    def _integrate_by_compute(self, tile: Tile, constants: dict[str, int]) -> None:
-        program = self._programs.compute("resolve.comp", **constants)
-        unit = shared_constants()["BINDING_IMAGE"]
-        self._picture.bind_to_image(unit, read=False, write=True)
-        program.run(*work_groups(tile))
 
     def _merge_long_lists(self, tile: Tile, longest: int) -> None:
         """Sort the lists above LINK_SORT_LIMIT, one merge pass per call."""
@@ -415,28 +399,16 @@ class ABuffer:
         inside = bool(np.all((unit >= 0.0) & (unit <= 1.0)))
         return (1.0, -1.0) if rays.perspective and inside else (1.0,)
 
-    def _make_targets(self, width: int, height: int) -> moderngl.Framebuffer:
-        """Framebuffers of the picture's size: one with the picture (returned), one without attachments."""
-        if self._target is not None and self._target.size == (width, height):
-            return self._target
-        largest = min(*self._limits.framebuffer_size, self._limits.texture_size)
-        if max(width, height) > largest:
-            raise CapacityError(
-                f"a picture of {width} x {height} pixels is larger than this driver's {largest}."
-            )
-        self._release_targets()
-        self._picture = self._ctx.texture((width, height), 4, dtype="f4")
-        self._target = self._ctx.framebuffer([self._picture])
-        self._rasteriser = self._ctx.empty_framebuffer((width, height))
-        return self._target
+    def _make_targets(self, width: int, height: int) -> None:
+        """Targets of the picture's size: the picture, and a framebuffer without attachments for the lists."""
+        if self._target.resize(width, height) or self._rasteriser is None:
+            self._release_rasteriser()
+            self._rasteriser = self._ctx.empty_framebuffer((width, height))
 
-    def _release_targets(self) -> None:
-        if self._target is not None:
-            self._target.release()
-            self._picture.release()
+    def _release_rasteriser(self) -> None:
         if self._rasteriser is not None:
             self._rasteriser.release()
-        self._target = self._rasteriser = None
+        self._rasteriser = None
 
     def _bind(self, tile: Tile, frame: _Frame) -> None:
         """Write the frame block and bind every buffer."""

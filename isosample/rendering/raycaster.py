@@ -9,13 +9,11 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_SIZE
-from isosample.errors import CapacityError
-from isosample.gl.context import drawing_into, limits, shared_context
+from isosample.gl.context import shared_context
 from isosample.gl.timer import StageTimer
 from isosample.rendering.camera import Camera
 from isosample.rendering.device_macrocells import DeviceMacrocells
@@ -23,13 +21,14 @@ from isosample.rendering.device_transfer import DeviceTransfer
 from isosample.rendering.device_volume import DeviceVolume
 from isosample.rendering.frame import camera_block, set_tile, shared_constants, storage_dtype, uniform_dtype
 from isosample.rendering.image import Image
+from isosample.rendering.picture_target import PictureTarget
 from isosample.rendering.programs import Programs, storage_bindings
 from isosample.rendering.ray_sampling import fill_sampling
 from isosample.rendering.ray_statistics import RayStatistics
 from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.scene import ValueScale
 from isosample.rendering.settings import RenderSettings, ResolveStage, check_size
-from isosample.rendering.stage import resolve_stage, work_groups
+from isosample.rendering.stage import resolve_stage
 from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.transfer_function import TransferFunction
@@ -39,9 +38,11 @@ from isosample.volume.reconstruction import GridSpline
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import moderngl
+
+    from isosample.rendering.programs import Program
     from isosample.volume.grid import Volume
 
-    F32 = npt.NDArray[np.float32]
     Progress = Callable[[str, int, int], None]
 
 TILE_PIXELS = 1 << 18  # a call is then far from the seconds after which drivers give up on it
@@ -155,12 +156,13 @@ class RayCaster:
                     self._ctx, grid, self._settings, self._transfer.visible_intervals()
                 )
                 made.callback(self._macrocells.release)
+            self._frame_buffer = self._buffer(made, uniform_dtype("Frame").itemsize)
+            self._raycast_buffer = self._buffer(made, uniform_dtype("Raycast").itemsize)
+            self._counters = self._buffer(made, storage_dtype("RayCounters").itemsize)
+            self._states = self._buffer(made, TILE_PIXELS * storage_dtype("RayState").itemsize)
+            self._target = PictureTarget(self._ctx)
+            made.callback(self._target.release)
             self._made = made.pop_all()
-        self._frame_buffer = self._buffer(uniform_dtype("Frame").itemsize)
-        self._raycast_buffer = self._buffer(uniform_dtype("Raycast").itemsize)
-        self._counters = self._buffer(storage_dtype("RayCounters").itemsize)
-        self._states = self._buffer(TILE_PIXELS * storage_dtype("RayState").itemsize)
-        self._target: moderngl.Framebuffer | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -170,7 +172,6 @@ class RayCaster:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        self._release_target()
         self._made.close()
 
     def set_transfer_function(self, transfer_function: TransferFunction) -> None:
@@ -198,7 +199,7 @@ class RayCaster:
         width, height = check_size(size)
         settings = settings or RenderSettings()
         camera = camera or Camera.orbit(self._geometry.box, aspect=width / height)
-        target = self._make_target(width, height)
+        self._target.resize(width, height)
         frame = camera_block(self._geometry, camera, (width, height), settings)
         block = self._raycast_block(camera, (width, height))
         found = RayStatistics()
@@ -210,8 +211,7 @@ class RayCaster:
             if progress is not None:
                 progress("render", done, width * height)
         with self.timer.stage("read back"):
-            pixels = np.frombuffer(target.read(components=4, dtype="f4"), dtype=np.float32)
-        rgba = np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
+            rgba = self._target.read()
         seconds = {stage: round(spent, 6) for stage, spent in self.timer.seconds.items()}
         self.timer.seconds.clear()
         return Image(rgba, self._statistics(found, (width, height), seconds))
@@ -235,25 +235,12 @@ class RayCaster:
         unfinished, resumed = tile.pixel_count, False
         while unfinished:
             self._counters.clear()
-            self._run(tile, self._program(settings, resumed=resumed))
+            self._target.fill(tile, self._program(settings, resumed=resumed))
             self._ctx.memory_barrier()
             counters = np.frombuffer(self._counters.read(), dtype=storage_dtype("RayCounters"))[0]
             found.add(counters)
             unfinished = int(counters["unfinished_rays"])
             resumed = True
-
-    def _run(self, tile: Tile, program: moderngl.Program | moderngl.ComputeShader) -> None:
-        """Call the shader once for every pixel of a tile."""
-        if isinstance(program, moderngl.ComputeShader):
-            self._picture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
-            program.run(*work_groups(tile))
-            return
-        assert self._target is not None
-        screen = self._ctx.vertex_array(program, [])
-        self._target.scissor = (tile.x, tile.y, tile.width, tile.height)
-        with drawing_into(self._ctx, self._target):
-            screen.render(vertices=3)
-        screen.release()
 
     def _bind(self) -> None:
         self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
@@ -265,9 +252,7 @@ class RayCaster:
 
     # -- what the shader is told ------------------------------------------------------------------
 
-    def _program(
-        self, settings: RenderSettings, *, resumed: bool
-    ) -> moderngl.Program | moderngl.ComputeShader:
+    def _program(self, settings: RenderSettings, *, resumed: bool) -> Program:
         constants = self._volume.constants() | self._transfer.constants()
         constants["ADAPTIVE"] = int(self._settings.adaptive)
         constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
@@ -278,35 +263,14 @@ class RayCaster:
     def _raycast_block(self, camera: Camera, size: tuple[int, int]) -> npt.NDArray[np.void]:
         block = np.zeros(1, dtype=uniform_dtype("Raycast"))
         fill_sampling(block[0], self._settings, self._geometry, camera.rays(size[0] / size[1]), size)
-        block[0]["root_iterations"] = self._settings.root_iterations
         block[0]["loop_limit"] = LOOP_LIMIT
         for part in (self._volume, self._transfer, self._macrocells):
             part.fill(block[0])
         return block
 
-    def _make_target(self, width: int, height: int) -> moderngl.Framebuffer:
-        """Framebuffer of the picture's size."""
-        if self._target is not None and self._target.size == (width, height):
-            return self._target
-        largest = min(*limits(self._ctx).framebuffer_size, limits(self._ctx).texture_size)
-        if max(width, height) > largest:
-            raise CapacityError(
-                f"a picture of {width} x {height} pixels is larger than this driver's {largest}."
-            )
-        self._release_target()
-        self._picture = self._ctx.texture((width, height), 4, dtype="f4")
-        self._target = self._ctx.framebuffer([self._picture])
-        return self._target
-
-    def _release_target(self) -> None:
-        if self._target is not None:
-            self._target.release()
-            self._picture.release()
-        self._target = None
-
-    def _buffer(self, size_bytes: int) -> moderngl.Buffer:
+    def _buffer(self, made: ExitStack, size_bytes: int) -> moderngl.Buffer:
         buffer = self._ctx.buffer(reserve=size_bytes)
-        self._made.callback(buffer.release)
+        made.callback(buffer.release)
         return buffer
 
     def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:

@@ -1,0 +1,84 @@
+"""The picture on the GPU: a float32 texture that programs fill tile by tile."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+import numpy.typing as npt
+
+from isosample.errors import CapacityError
+from isosample.gl.context import drawing_into, limits
+from isosample.rendering.frame import shared_constants
+from isosample.rendering.stage import work_groups
+
+if TYPE_CHECKING:
+    from isosample.rendering.programs import Program
+    from isosample.rendering.tiles import Tile
+
+    F32 = npt.NDArray[np.float32]
+
+
+class PictureTarget:
+    """Premultiplied linear RGBA, written by a fragment or a compute shader.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._texture: moderngl.Texture | None = None
+        self._framebuffer: moderngl.Framebuffer | None = None
+
+    def resize(self, width: int, height: int) -> bool:
+        """Make room for a picture of that size; tell whether the target was made anew.
+
+        Raises
+        ------
+        CapacityError
+            If the driver's framebuffers are smaller.
+        """
+        if self._framebuffer is not None and self._framebuffer.size == (width, height):
+            return False
+        found = limits(self._ctx)
+        largest = min(*found.framebuffer_size, found.texture_size)
+        if max(width, height) > largest:
+            raise CapacityError(
+                f"a picture of {width} x {height} pixels is larger than this driver's {largest}; ask for a smaller one."
+            )
+        self.release()
+        self._texture = self._ctx.texture((width, height), 4, dtype="f4")
+        self._framebuffer = self._ctx.framebuffer([self._texture])
+        return True
+
+    def fill(self, tile: Tile, program: Program) -> None:
+        """Run a program once for every pixel of a tile."""
+        assert self._texture is not None
+        assert self._framebuffer is not None
+        if isinstance(program, moderngl.ComputeShader):
+            self._texture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
+            program.run(*work_groups(tile))
+            return
+        screen = self._ctx.vertex_array(program, [])
+        self._framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
+        with drawing_into(self._ctx, self._framebuffer):
+            screen.render(vertices=3)
+        screen.release()
+
+    def read(self) -> F32:
+        """(H, W, 4) float32, row 0 on top."""
+        assert self._framebuffer is not None
+        width, height = self._framebuffer.size
+        pixels = np.frombuffer(self._framebuffer.read(components=4, dtype="f4"), dtype=np.float32)
+        return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
+
+    def release(self) -> None:
+        """Free the texture."""
+        if self._framebuffer is not None:
+            self._framebuffer.release()
+        if self._texture is not None:
+            self._texture.release()
+        self._framebuffer = self._texture = None
