@@ -7,15 +7,16 @@ import math
 from dataclasses import dataclass
 
 from isosample.errors import InputError
+from isosample.transfer.peaks import MOST_PEAKS
+from isosample.volume.macrocells import MACROCELLS
 from isosample.volume.reconstruction import Reconstruction
 
 DEFAULT_STEP = 0.5  # [voxel]
 DEFAULT_PIXEL_SCALE = 4.0  # s_k of Knoll et al. 2009, section 5.3
 SMALLEST_STEP, LARGEST_STEP = 1.0 / 1024.0, 64.0  # [voxel]
 SMALLEST_PIXEL_SCALE, LARGEST_PIXEL_SCALE = 1.0 / 64.0, 1024.0
-TABLE_SIZES = (2, 1024)
-PEAK_BINS = (16, 1024)
-MOST_PEAKS = 4  # of an entry of the peak table
+TABLE_SIZE_RANGE = (2, 1024)
+PEAK_BIN_RANGE = (16, 1024)
 
 
 class Classification(enum.Enum):
@@ -149,13 +150,13 @@ class RaycastSettings:
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     filtering: Filtering = Filtering.SHADER
     skipping: bool = True
-    macrocells: int = 64
+    macrocells: int = MACROCELLS
 
     def __post_init__(self) -> None:
         _check_between("step", self.step, SMALLEST_STEP, LARGEST_STEP, "voxels")
         _check_between("pixel_scale", self.pixel_scale, SMALLEST_PIXEL_SCALE, LARGEST_PIXEL_SCALE, "pixels")
-        _check_whole("table_size", self.table_size, *TABLE_SIZES)
-        _check_whole("peak_bins", self.peak_bins, *PEAK_BINS)
+        _check_whole("table_size", self.table_size, *TABLE_SIZE_RANGE)
+        _check_whole("peak_bins", self.peak_bins, *PEAK_BIN_RANGE)
         _check_whole("peaks", self.peaks, 1, MOST_PEAKS)
         _check_whole("root_iterations", self.root_iterations, 0, 64)
         _check_whole("macrocells", self.macrocells, 1, 1024)

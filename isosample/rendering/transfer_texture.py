@@ -101,9 +101,9 @@ def shown_peaks(transfer_function: TransferFunction, scale: ValueScale) -> list[
     """Peaks that values of the volume can come near to, ascending, with normalised values."""
     found = []
     for peak in find_peaks(transfer_function):
-        value, low, high = scale.normalise(np.array([peak.value, peak.low, peak.high])).tolist()
+        value = float(scale.normalise(np.array(peak.value)))
         if LOWEST < value < HIGHEST:
-            found.append(peak._replace(value=value, low=low, high=high))
+            found.append(peak._replace(value=value))
     return found
 
 

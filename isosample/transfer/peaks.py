@@ -5,7 +5,6 @@ Source: Knoll et al. 2009, section 4.1.
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -16,10 +15,8 @@ from isosample.errors import CapacityError, InputError
 if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
 
-F64 = npt.NDArray[np.float64]
-
 NO_PEAK = 0xFFFF
-ENTRIES = 4  # peaks of an entry of the table
+MOST_PEAKS = 4  # of an entry of the table
 
 
 class TransferPeak(NamedTuple):
@@ -29,8 +26,6 @@ class TransferPeak(NamedTuple):
     ----------
     value : float
         In data units.
-    low, high : float
-        Its share of the transfer function: from the valley below to the one above; of an isosurface nothing.
     color : 3 floats
         Straight linear RGB.
     strength : float
@@ -39,8 +34,6 @@ class TransferPeak(NamedTuple):
     """
 
     value: float
-    low: float
-    high: float
     color: tuple[float, float, float]
     strength: float
     isosurface: bool
@@ -49,51 +42,24 @@ class TransferPeak(NamedTuple):
 def find_peaks(transfer_function: TransferFunction) -> list[TransferPeak]:
     """Local maxima of the extinction and isosurfaces, by ascending values.
 
-    A plateau has a peak at both of its ends, which share it. Where the extinction is 0 between two peaks their
-    shares end there; a valley that is flat above 0 is divided in its middle. Thus every visible value belongs to one
-    share. At one value the extinction's peak comes before the isosurface.
+    A plateau has a peak at both of its ends. At one value the extinction's peak comes before the isosurface.
     """
     found = [
-        TransferPeak(surface.value, surface.value, surface.value, surface.color, surface.opacity, True)
+        TransferPeak(surface.value, surface.color, surface.opacity, True)
         for surface in transfer_function.isosurfaces
     ]
     return sorted([*_maxima(transfer_function), *found], key=lambda peak: (peak.value, peak.isosurface))
 
 
 def _maxima(transfer_function: TransferFunction) -> list[TransferPeak]:
-    """Peaks of the extinction, with their shares."""
-    values = transfer_function.peaks()
-    if not values:
-        return []
-    knots = np.array([point.value for point in transfer_function.points])
-    extinction = np.array([point.extinction for point in transfer_function.points])
-    sides = [_higher_side(transfer_function, value) for value in values]
-    valleys = [_valley(knots, extinction, below, above) for below, above in itertools.pairwise(values)]
-    lows = [float(knots[0]), *(after for _, after in valleys)]
-    highs = [*(before for before, _ in valleys), float(knots[-1])]
-    return [
-        TransferPeak(
-            value, low, high, (float(side[0]), float(side[1]), float(side[2])), float(side[3]), False
-        )
-        for value, low, high, side in zip(values, lows, highs, sides, strict=True)
-    ]
-
-
-def _higher_side(transfer_function: TransferFunction, value: float) -> F64:
-    """(4,) colour and extinction at a value, of the side where there is more extinction."""
-    sides = [transfer_function.evaluate(value, side=side) for side in ("left", "right")]
-    color, extinction = max(sides, key=lambda side: float(side[1]))
-    return np.array([*color, extinction])
-
-
-def _valley(knots: F64, extinction: F64, below: float, above: float) -> tuple[float, float]:
-    """Where the share of one peak ends and that of the next begins."""
-    inside = (knots >= below) & (knots <= above)
-    least = extinction[inside].min()
-    bottom = knots[inside][extinction[inside] == least]
-    first, last = float(bottom[0]), float(bottom[-1])
-    middle = 0.5 * (first + last)
-    return (first, last) if least == 0.0 else (middle, middle)
+    """Peaks of the extinction, with the optics of the side where there is more of it."""
+    found = []
+    for value in transfer_function.peaks():
+        sides = [transfer_function.evaluate(value, side=side) for side in ("left", "right")]
+        color, extinction = max(sides, key=lambda side: float(side[1]))
+        red, green, blue = color.tolist()
+        found.append(TransferPeak(value, (red, green, blue), float(extinction), False))
+    return found
 
 
 def peak_table(values: npt.ArrayLike, bins: int) -> npt.NDArray[np.uint16]:
@@ -133,7 +99,7 @@ def peak_table(values: npt.ArrayLike, bins: int) -> npt.NDArray[np.uint16]:
     last = np.searchsorted(numbers, np.arange(bins), side="right") - 1  # in this bin or below
     back, front = np.meshgrid(np.arange(bins), np.arange(bins), indexing="ij")
     rising = (back >= front)[..., None]
-    places = np.arange(ENTRIES)
+    places = np.arange(MOST_PEAKS)
     peaks = np.where(rising, first[front][..., None] + places, last[front][..., None] - places)
     inside = np.where(rising, peaks <= last[back][..., None], peaks >= first[back][..., None])
     return np.where(inside, peaks, NO_PEAK).astype(np.uint16)

@@ -1,4 +1,4 @@
-"""Peaks of a transfer function, their shares, and the table of those between two values."""
+"""Peaks of a transfer function, and the table of those between two values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isosample.errors import CapacityError, InputError
-from isosample.transfer.peaks import ENTRIES, NO_PEAK, find_peaks, peak_table
+from isosample.transfer.peaks import MOST_PEAKS, NO_PEAK, find_peaks, peak_table
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
 
 RED, BLUE, GREEN = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
@@ -24,27 +24,19 @@ def curve(*points: tuple[float, float], isosurfaces: tuple[float, ...] = ()) -> 
     )
 
 
-def shares(transfer_function: TransferFunction) -> list[tuple[float, float, float]]:
-    """Low end, value and high end of every peak."""
-    return [(peak.low, peak.value, peak.high) for peak in find_peaks(transfer_function)]
+def places(transfer_function: TransferFunction) -> list[float]:
+    """Value of every peak."""
+    return [peak.value for peak in find_peaks(transfer_function)]
 
 
-def test_two_tents_apart_end_where_the_extinction_does() -> None:
-    tents = curve((0, 0), (1, 2), (2, 0), (5, 0), (6, 3), (7, 0))
-    assert shares(tents) == [(0.0, 1.0, 2.0), (5.0, 6.0, 7.0)]
-
-
-def test_two_peaks_share_a_valley_above_zero() -> None:
-    assert shares(curve((0, 0), (1, 2), (2, 1), (6, 3), (7, 0))) == [(0.0, 1.0, 2.0), (2.0, 6.0, 7.0)]
-
-
-def test_a_flat_valley_above_zero_is_divided_in_its_middle() -> None:
-    found = shares(curve((0, 0), (1, 2), (2, 1), (4, 1), (6, 3), (7, 0)))
-    assert found == [(0.0, 1.0, 3.0), (3.0, 6.0, 7.0)]
+def test_every_tent_has_its_peak_whatever_the_valley_between_two() -> None:
+    assert places(curve((0, 0), (1, 2), (2, 0), (5, 0), (6, 3), (7, 0))) == [1.0, 6.0]
+    assert places(curve((0, 0), (1, 2), (2, 1), (6, 3), (7, 0))) == [1.0, 6.0]
+    assert places(curve((0, 0), (1, 2), (2, 1), (4, 1), (6, 3), (7, 0))) == [1.0, 6.0]
 
 
 def test_a_plateau_has_a_peak_at_both_ends() -> None:
-    assert shares(curve((0, 0), (1, 2), (3, 2), (4, 0))) == [(0.0, 1.0, 2.0), (2.0, 3.0, 4.0)]
+    assert places(curve((0, 0), (1, 2), (3, 2), (4, 0))) == [1.0, 3.0]
 
 
 def test_a_step_s_peak_has_the_optics_of_its_higher_side() -> None:
@@ -58,14 +50,14 @@ def test_a_step_s_peak_has_the_optics_of_its_higher_side() -> None:
     assert (peak.value, peak.color, peak.strength, peak.isosurface) == (1.0, BLUE, 5.0, False)
 
 
-def test_an_isosurface_is_a_peak_without_a_share_and_follows_the_extinction_s_peak_at_its_value() -> None:
+def test_an_isosurface_is_a_peak_and_follows_the_extinction_s_peak_at_its_value() -> None:
     found = find_peaks(curve((0, 0), (1, 2), (2, 0), isosurfaces=(0.5, 1.0)))
     assert [(peak.value, peak.isosurface) for peak in found] == [(0.5, True), (1.0, False), (1.0, True)]
-    assert (found[0].low, found[0].high, found[0].strength) == (0.5, 0.5, 0.5)
+    assert (found[0].color, found[0].strength) == (GREEN, 0.5)
 
 
 def test_extinction_without_end_peaks_at_the_last_point() -> None:
-    assert shares(curve((0, 0), (1, 2))) == [(0.0, 1.0, 1.0)]
+    assert places(curve((0, 0), (1, 2))) == [1.0]
 
 
 def brute_force(values: list[float], bins: int, front: int, back: int) -> list[int]:
@@ -73,8 +65,8 @@ def brute_force(values: list[float], bins: int, front: int, back: int) -> list[i
     numbers = [min(max(int(np.floor(value * bins)), 0), bins - 1) for value in values]
     low, high = min(front, back), max(front, back)
     inside = [i for i, number in enumerate(numbers) if low <= number <= high]
-    ordered = (inside if back >= front else inside[::-1])[:ENTRIES]
-    return ordered + [NO_PEAK] * (ENTRIES - len(ordered))
+    ordered = (inside if back >= front else inside[::-1])[:MOST_PEAKS]
+    return ordered + [NO_PEAK] * (MOST_PEAKS - len(ordered))
 
 
 @given(st.lists(st.floats(-0.5, 1.5), max_size=9), st.integers(2, 7))
