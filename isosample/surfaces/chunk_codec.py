@@ -12,16 +12,24 @@ from __future__ import annotations
 import functools
 import struct
 import threading
-import zlib
-from dataclasses import astuple, fields
+from dataclasses import astuple
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CacheError, InputError
+from isosample.surfaces.chunk_header import (
+    CHECK,
+    ERROR_NAMES,
+    NO_NAME,
+    check_mesh,
+    check_name,
+    mesh_error,
+    sealed,
+    unsealed,
+)
 from isosample.surfaces.mesh import BrickMesh, no_residuals
-from isosample.surfaces.mesh_error import MeshError
 
 if TYPE_CHECKING:
     from isosample.surfaces.mesh import F32, I32, I64
@@ -30,15 +38,12 @@ U8 = npt.NDArray[np.uint8]
 N = TypeVar("N", bound=np.generic)
 
 CHUNK_VERSION = 3
-NO_NAME = b"\0" * 32
 COMPRESSION_LEVEL = 3
 USUAL_SAMPLES = 33  # along each axis of a brick
 _MAGIC = b"isochunk"
-_ERROR_NAMES = tuple(field.name for field in fields(MeshError))
-_ERRORS = len(_ERROR_NAMES)
+_ERRORS = len(ERROR_NAMES)
 _HEADER = struct.Struct("<8sH7B32sd3i3i4q3H9I")
-_CHECK = struct.Struct("<I")
-_HEAD_BYTES = _HEADER.size + _CHECK.size
+_HEAD_BYTES = _HEADER.size + CHECK.size
 _RAW, _PACKED, _ABSENT = 0, 1, 2  # how gradients, residuals and triangles are stored
 
 
@@ -72,32 +77,16 @@ class _Header(NamedTuple):
 
     def packed(self) -> bytes:
         flat = (*self[:11], *self.brick, *self.start, *self.lattice, *self.size, *self[15:])
-        data = _HEADER.pack(*flat)
-        return data + _CHECK.pack(zlib.crc32(data))
+        return sealed(_HEADER.pack(*flat))
 
     @classmethod
     def read(cls, data: bytes) -> _Header:
         """Return the header of a chunk; raise `CacheError` if it is none, of another version or damaged."""
-        if len(data) < _HEAD_BYTES or data[:8] != _MAGIC:
-            raise CacheError(
-                f"it has {len(data)} bytes and is no chunk of a mesh cache, or its start is lost."
-            )
-        version = int.from_bytes(data[8:10], "little")
-        if version != CHUNK_VERSION:
-            raise OtherVersionError(
-                f"it has format version {version}; this program reads and writes {CHUNK_VERSION}."
-            )
-        if _CHECK.unpack_from(data, _HEADER.size)[0] != zlib.crc32(data[: _HEADER.size]):
-            raise CacheError("its header does not match its checksum.")
-        flat = _HEADER.unpack_from(data)
+        flat = unsealed(data, _HEADER, magic=_MAGIC, version=CHUNK_VERSION)
         header = cls._make((*flat[:11], flat[11:14], flat[14:17], flat[17:21], flat[21:24], *flat[24:]))
         if len(data) != _HEAD_BYTES + header.frame_bytes:
             raise CacheError(f"it has {len(data)} bytes, expected {_HEAD_BYTES + header.frame_bytes}.")
         return header
-
-
-class OtherVersionError(CacheError):
-    """A chunk is of another format version."""
 
 
 class ChunkSummary(NamedTuple):
@@ -243,8 +232,7 @@ def decode(data: bytes, *, name: bytes | None = None) -> BrickMesh:
     from isosample.surfaces import chunk_kernels as kernels
 
     header = _Header.read(data)
-    if name is not None and header.name != name:
-        raise CacheError(f"it is named {header.name.hex()}, expected {name.hex()}.")
+    check_name(header.name, name)
     frame = memoryview(data)[_HEAD_BYTES:]
     try:
         size_bytes = zstandard.frame_content_size(frame)  # before so much is allocated
@@ -273,7 +261,7 @@ def decode(data: bytes, *, name: bytes | None = None) -> BrickMesh:
     measured = None
     if header.has_error:
         figures = struct.unpack(f"<{_ERRORS}d", reader.take(8 * _ERRORS).tobytes())
-        measured = MeshError(**dict(zip(_ERROR_NAMES, figures, strict=True)))
+        measured = mesh_error(figures)
     return BrickMesh(
         isovalue=header.isovalue,
         brick=header.brick,
@@ -305,14 +293,6 @@ class _Reader:
         """Return a section, and go behind it."""
         start = self.skip(count)
         return self.content[start : start + count]
-
-
-def check_mesh(mesh: BrickMesh) -> None:
-    """Raise `InputError` if a mesh is none that can be kept: positions out of range, corners that are no vertices."""
-    if len(mesh.positions) and not (mesh.positions.min() >= 0.0 and mesh.positions.max() < 1024.0):
-        raise InputError("positions outside 0 to 1024 voxels of a brick's start cannot be kept.")
-    if mesh.triangles.size and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.positions):
-        raise InputError(f"a triangle has a corner that is none of the {len(mesh.positions)} vertices.")
 
 
 def _planes(values: I64, width: int) -> U8:

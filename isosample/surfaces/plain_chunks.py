@@ -8,14 +8,21 @@ is done to load it is to look at every byte once, for the checksum.
 from __future__ import annotations
 
 import struct
-import zlib
-from dataclasses import astuple, fields
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isosample.errors import CacheError
-from isosample.surfaces.chunk_codec import NO_NAME, OtherVersionError, check_mesh
+from isosample.surfaces.chunk_header import (
+    CHECK,
+    NO_NAME,
+    check_mesh,
+    check_name,
+    mesh_error,
+    sealed,
+    unsealed,
+)
 from isosample.surfaces.mesh import BrickMesh, no_residuals
 from isosample.surfaces.mesh_error import MeshError
 
@@ -30,8 +37,6 @@ if TYPE_CHECKING:
 PLAIN_VERSION = 1
 PLAIN_MAGIC = b"isoplain"
 _HEADER = struct.Struct("<8sHBB32sd3i3iqqQ5d")
-_ERROR_NAMES = tuple(field.name for field in fields(MeshError))
-_CHECK = struct.Struct("<I")
 _HEAD_BYTES = 256
 ALIGNMENT = 64  # eight words of the checksum
 
@@ -72,7 +77,7 @@ def encode_plain(mesh: BrickMesh, *, name: bytes = NO_NAME) -> bytes:
         _checksum(np.frombuffer(body, dtype=np.uint64)),
         *astuple(mesh.error or MeshError()),
     )
-    head += _CHECK.pack(zlib.crc32(head))
+    head = sealed(head)
     return head + bytes(_HEAD_BYTES - len(head)) + body
 
 
@@ -93,22 +98,12 @@ def decode_plain(data: bytes | mmap.mmap, *, name: bytes | None = None) -> Brick
     CacheError
         If it is damaged, or has another name.
     """
-    if len(data) < _HEAD_BYTES or data[:8] != PLAIN_MAGIC:
-        raise CacheError(f"it has {len(data)} bytes and is no chunk of a mesh cache, or its start is lost.")
-    version = int.from_bytes(data[8:10], "little")
-    if version != PLAIN_VERSION:
-        raise OtherVersionError(
-            f"it has format version {version}; this program reads and writes {PLAIN_VERSION}."
-        )
-    head = data[:_HEAD_BYTES]
-    check = _CHECK.pack(zlib.crc32(head[: _HEADER.size]))
-    if head[_HEADER.size :] != check + bytes(_HEAD_BYTES - _HEADER.size - len(check)):
+    found = unsealed(data, _HEADER, magic=PLAIN_MAGIC, version=PLAIN_VERSION)
+    if any(data[_HEADER.size + CHECK.size : _HEAD_BYTES]):
         raise CacheError("its header does not match its checksum.")
-    found = _HEADER.unpack_from(head)
     has_error, has_residuals, own_name, isovalue = found[2:6]
     vertex_count, triangle_count, checksum = found[12:15]
-    if name is not None and own_name != name:
-        raise CacheError(f"it is named {own_name.hex()}, expected {name.hex()}.")
+    check_name(own_name, name)
     sizes = [12 * vertex_count, 12 * vertex_count, 8 * vertex_count]
     sizes += [8 * vertex_count * has_residuals, 12 * triangle_count]
     starts = [_HEAD_BYTES]
@@ -133,7 +128,7 @@ def decode_plain(data: bytes | mmap.mmap, *, name: bytes | None = None) -> Brick
         edge_keys=np.frombuffer(data, dtype=np.int64, count=vertex_count, offset=starts[2]),
         triangles=triangles.reshape(-1, 3),
         residuals=floats(3, 2) if has_residuals else no_residuals(vertex_count),
-        error=MeshError(**dict(zip(_ERROR_NAMES, found[15:], strict=True))) if has_error else None,
+        error=mesh_error(found[15:]) if has_error else None,
     )
 
 

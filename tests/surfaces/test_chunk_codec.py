@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from mesh_checks import closed_noise
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces.chunk_codec import NO_NAME, OtherVersionError, decode, encode, summary
+from isosample.surfaces.chunk_codec import decode, encode, summary
+from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.mesh_error import MeshError, round_residuals

@@ -15,7 +15,7 @@ from isosample.errors import CacheError, InputError
 from isosample.surfaces import store as stores
 from isosample.surfaces.cache import extract_with_cache, load_surface_set
 from isosample.surfaces.checksum_kernel import checksum
-from isosample.surfaces.chunk_codec import NO_NAME, OtherVersionError
+from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh_error import MeshError
 from isosample.surfaces.plain_chunks import decode_plain, encode_plain
