@@ -5,6 +5,7 @@ DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")
 FILM_SUFFIXES = (".mp4", ".gif", *IMAGE_SUFFIXES)
 DEFAULT_FRAME_RATE = 20.0  # a whole number of hundredths of a second per frame, as GIF needs it
+DEFAULT_REPEAT = 5  # timed frames of a comparison, per setting and camera
 MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj", ".vtp")
 VOLUME_SUFFIXES = (".nrrd", ".nii.gz", ".nii", ".mha", ".npy")  # that can be written
 DEFAULT_MAX_ISOVALUES = 512  # of a search for a tolerance

@@ -183,6 +183,14 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         "Lindholm et al.",
     )
     group.add_argument(
+        "--shading", action="store_true", help="light the volume from the eye (default: colours as they are)"
+    )
+    add_look_options(group, displayed="")
+
+
+def add_look_options(group: argparse._ArgumentGroup, *, displayed: str) -> None:
+    """Add clip planes, background and shader stage; `displayed` says how a transparent background is displayed."""
+    group.add_argument(
         "--clip",
         type=values.clip_plane,
         action="append",
@@ -191,14 +199,11 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
     )
     group.add_argument(
-        "--shading", action="store_true", help="light the volume from the eye (default: colours as they are)"
-    )
-    group.add_argument(
         "--background",
         type=values.background,
         default=(0.0, 0.0, 0.0, 0.0),
         metavar="R,G,B[,A]",
-        help="linear colour behind the volume, each part in [0, 1] (default transparent)",
+        help=f"linear colour behind the volume, each part in [0, 1] (default transparent{displayed})",
     )
     group.add_argument(
         "--stage",

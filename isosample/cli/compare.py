@@ -12,6 +12,7 @@ from isosample.cli.console import progress_bars, say, say_table, seconds
 from isosample.cli.methods import DATA_CENTRIC, RAYCAST_METHODS
 from isosample.cli.outputs import make_folder
 from isosample.cli.parser import add_command
+from isosample.defaults import DEFAULT_REPEAT
 from isosample.errors import InputError, MissingDependencyError
 
 if TYPE_CHECKING:
@@ -22,11 +23,12 @@ if TYPE_CHECKING:
     from isosample.compare.experiment import Experiment
     from isosample.compare.sweep import Sweep
     from isosample.rendering.camera import Camera
-    from isosample.volume.grid import Box
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Box, Volume
 
 COMPARED = (DATA_CENTRIC, *RAYCAST_METHODS)
 SIZE, QUICK_SIZE = (512, 512), (256, 256)
-REPEAT, QUICK_REPEAT = 5, 3
+QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
 SWEEPS = ("steps", "pixel_scales", "per_slopes", "tolerances")
 EXAMPLE = """\
@@ -87,7 +89,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         "--repeat",
         type=values.positive_count,
         metavar="N",
-        help=f"timed frames per setting and camera (default {REPEAT})",
+        help=f"timed frames per setting and camera (default {DEFAULT_REPEAT})",
     )
     group.add_argument(
         "--per-slopes",
@@ -152,27 +154,7 @@ def _add_picture_options(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many views around the volume, from --azimuth on (default 1)",
     )
-    group.add_argument(
-        "--clip",
-        type=values.clip_plane,
-        action="append",
-        default=[],
-        metavar="NX,NY,NZ,D",
-        help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
-    )
-    group.add_argument(
-        "--background",
-        type=values.background,
-        default=(0.0, 0.0, 0.0, 0.0),
-        metavar="R,G,B[,A]",
-        help="linear colour behind the volume, each part in [0, 1] (default transparent; displayed over black)",
-    )
-    group.add_argument(
-        "--stage",
-        choices=("auto", "fragment", "compute"),
-        default="auto",
-        help="shader stage (default auto: fragment on software renderers)",
-    )
+    arguments.add_look_options(group, displayed="; displayed over black")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -230,7 +212,7 @@ def sweep_of(args: argparse.Namespace) -> Sweep:
     return Sweep(methods=tuple(args.methods), **chosen)
 
 
-def _scene(args: argparse.Namespace, volume: Any, transfer_function: Any) -> ComparedScene:
+def _scene(args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction) -> ComparedScene:
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.raycast_settings import Crossings, PeakWeight, RaycastSettings, Sampling
     from isosample.rendering.settings import ClipPlane, RenderSettings, ResolveStage
@@ -261,7 +243,7 @@ def _experiment(
 ) -> Experiment:
     from isosample.compare.experiment import Experiment
 
-    default = QUICK_REPEAT if args.quick else REPEAT
+    default = QUICK_REPEAT if args.quick else DEFAULT_REPEAT
     return Experiment(scene=scene, cameras=tuple(cameras), sweep=sweep, repeat=args.repeat or default)
 
 

@@ -69,7 +69,7 @@ def add_parser(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check what is asked for, filter, write, tell."""
     from isosample.cli.sources import open_source_volume
-    from isosample.volume.writers import check_can_write, save_volume
+    from isosample.volume.writers import check_can_write, save_volume, volume_suffix
 
     _refuse_other_options(args)
     check_can_write(args.output)
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         filtered = _filtered(volume, args, progress)
     duration = time.perf_counter() - started
     save_volume(filtered, args.output)
-    if args.output.suffix == ".npy" and filtered.spacing != (1.0, 1.0, 1.0):
+    if volume_suffix(args.output) == ".npy" and filtered.spacing != (1.0, 1.0, 1.0):
         spacing = ",".join(f"{length:.9g}" for length in filtered.spacing)
         note(f"{args.output} holds no spacing; read it with --spacing {spacing}")
     _tell(args, volume, filtered, duration)
@@ -156,7 +156,7 @@ def _tell(args: argparse.Namespace, before: Volume, after: Volume, duration: flo
 
 
 def _name(args: argparse.Namespace) -> str:
-    """Return the filter with its number."""
+    """Return the filter, with the number that it was chosen with."""
     if args.gaussian is not None:
         return f"gaussian {args.gaussian:g}"
     return f"median {args.median:g}" if args.median is not None else "anisotropic-diffusion"

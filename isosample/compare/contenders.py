@@ -15,15 +15,11 @@ from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
     from isosample.rendering.preparation import PreparedSurfaces
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-
-    Progress = Callable[[str, int, int], None]
 
 DATA_CENTRIC = "data-centric"
 METHODS = (DATA_CENTRIC, *(kind.value for kind in Classification))
@@ -115,7 +111,7 @@ class Contender(Protocol):
     precompute_seconds: float  # of what is done once per volume and transfer function, without the GPU
     bytes: int  # estimate of the memory that it holds while it is loaded
 
-    def prepare(self, progress: Progress | None) -> None:
+    def prepare(self) -> None:
         """Do what can be kept on disk: the extraction of meshes; nothing for a ray caster."""
         ...
 
@@ -156,7 +152,7 @@ class SurfaceContender:
             return Quality(tolerance=self.setting.value, reconstruction=reconstruction, refine=None)
         return Quality(per_slope=int(self.setting.value), reconstruction=reconstruction)
 
-    def prepare(self, progress: Progress | None) -> None:
+    def prepare(self) -> None:
         """Plan and extract, without a cache."""
         start = time.perf_counter()
         scene = self._scene
@@ -165,7 +161,6 @@ class SurfaceContender:
             scene.transfer_function,
             self.quality,
             nan_masked=scene.nan_masked,
-            progress=progress,
         )
         self.precompute_seconds = time.perf_counter() - start
         self.bytes = TRIANGLE_BYTES * sum(self._prepared.surfaces.statistics.triangles)
@@ -207,7 +202,7 @@ class RayContender:
             return replace(template, sampling=Sampling.DIFFERENTIAL, pixel_scale=self.setting.value)
         return replace(template, sampling=Sampling.UNIFORM, step=self.setting.value)
 
-    def prepare(self, progress: Progress | None) -> None:
+    def prepare(self) -> None:
         """Nothing: what a ray caster needs is made when it is loaded."""
 
     def load(self) -> float:

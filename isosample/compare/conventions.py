@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
+from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +19,11 @@ if TYPE_CHECKING:
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.camera import Camera
 
+SWEPT = (
+    "classification",
+    "step",
+    "pixel_scale",
+)  # of the ray caster's settings: what an entry has of its own
 GRAIN_TILTS = (15.0, 60.0)  # degrees
 
 
@@ -71,7 +78,10 @@ def describe_scene(scene: ComparedScene) -> dict[str, Any]:
 def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dict[str, Any]:
     """Everything that changes a picture and is the same for all methods, JSON-ready."""
     render, raycast = scene.render, scene.raycast
-    return {
+    shared = {field.name: getattr(raycast, field.name) for field in fields(raycast)}
+    for name in SWEPT:
+        del shared[name]
+    return {name: one.value if isinstance(one, Enum) else one for name, one in shared.items()} | {
         "size": list(scene.size),
         "cameras": [camera.to_dict() for camera in cameras],
         "background": list(render.background),
@@ -80,17 +90,7 @@ def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dic
         "stage": render.stage.value,
         "min_transmittance": render.min_transmittance,
         "segment": render.segment.value,
-        "reconstruction": raycast.reconstruction.value,
         "nan_masked": scene.nan_masked,
-        "sampling": raycast.sampling.value,
-        "adaptive": raycast.adaptive,
-        "jitter": raycast.jitter,
-        "quadrature": raycast.quadrature.value,
-        "integration": raycast.integration.value,
-        "peak_weight": raycast.peak_weight.value,
-        "crossings": raycast.crossings.value,
-        "filtering": raycast.filtering.value,
-        "skipping": raycast.skipping,
         "grain_bands": [
             list(grain_band_of(camera, scene.size[1], min(scene.volume.spacing))) for camera in cameras
         ],

@@ -16,6 +16,7 @@ from isosample.compare.metrics import Pixels, summarise
 from isosample.compare.results import Entry, Results, View, median_of_told
 from isosample.compare.sweep import Sweep
 from isosample.compare.verdict import TARGETS
+from isosample.defaults import DEFAULT_REPEAT
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera
 from isosample.rendering.reference_image import render_reference
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     F32 = npt.NDArray[np.float32]
     Progress = Callable[[str, int, int], None]
 
-DEFAULT_REPEAT = 5
 DEFAULT_BUDGET_BYTES = 4 << 30  # of what is loaded at once
 TOY_SAMPLES = 12  # along an edge of the volume that warms up compilers
 
@@ -168,7 +168,7 @@ def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
     for settings in sweep.settings(scene.raycast.sampling):
         for setting in [one for one in settings if one.parameter is not Parameter.TOLERANCE][:1]:
             one = contender(toy, setting)
-            one.prepare(None)
+            one.prepare()
             one.load()
             one.frame(Camera.orbit(toy.volume.box, azimuth=30.0, elevation=20.0))
             one.release()
@@ -205,7 +205,7 @@ def _groups(
     group: list[Contender] = []
     for number, setting in enumerate(ranked):
         one = contender(experiment.scene, setting)
-        one.prepare(None)
+        one.prepare()
         report("prepare", number + 1, len(ranked))
         if group and one.bytes + sum(other.bytes for other in group) > experiment.budget_bytes:
             yield group

@@ -116,10 +116,9 @@ def histogram_plot(scene: dict[str, Any]) -> str:
     y = svg.Axis(0.7, max(10.0, 2.0 * float(counts.max())), bottom, top)
     body = svg.frame(x, y, x_label="value", y_label="samples of the volume")
     path = f"M{x.place(edges[0]):.1f} {bottom}"
-    for count, left, right in zip(counts.tolist(), edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+    for count, right in zip(counts.tolist(), edges[1:].tolist(), strict=True):
         path += f"V{y.place(count):.1f}" if count else f"V{bottom}"
         path += f"H{x.place(right):.1f}"
-        del left
     body += f'<path class="bars" d="{path}V{bottom}z"/>'
     function = TransferFunction.from_dict(scene["transfer_function"])
     body += _transfer_curve(function, x, bottom, top)

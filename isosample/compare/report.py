@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 MOST_PICTURES = 4  # of a method in the report, with one camera; all of them are files
 WEBP_EFFORT = 4  # of 0 to 6
-PLOT_NAMES = ("error_against_time", "error_against_samples", "time_against_frames", "histogram")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +92,15 @@ def write_report(
 
 
 def figures_of(document: dict[str, Any]) -> dict[str, str]:
-    """The plots as SVG, by name; without the last race there is no plot of it."""
+    """The plots as SVG, by name; the one of frames is left out where no method reaches a target."""
     entries = document["entries"]
-    drawn = (
-        plots.error_against_time(entries),
-        plots.error_against_samples(entries),
-        plots.time_against_frames(document),
-        plots.histogram_plot(document["scene"]),
-    )
-    return {name: figure for name, figure in zip(PLOT_NAMES, drawn, strict=True) if figure}
+    drawn = {
+        "error_against_time": plots.error_against_time(entries),
+        "error_against_samples": plots.error_against_samples(entries),
+        "time_against_frames": plots.time_against_frames(document),
+        "histogram": plots.histogram_plot(document["scene"]),
+    }
+    return {name: figure for name, figure in drawn.items() if figure}
 
 
 def render_report(document: dict[str, Any], figures: dict[str, str], pictures: Sequence[Picture]) -> str:

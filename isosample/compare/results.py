@@ -21,8 +21,17 @@ if TYPE_CHECKING:
     from isosample.compare.metrics import ErrorSummary
 
 FORMAT_NAME, FORMAT_VERSION = "isosample comparison", 1
-MEANS = ("ssim", "delta_e_2000", "flip", "wood_grain_energy", "samples_per_ray", "root_evaluations_per_ray")
-MEANS_TOO = ("evaluations_per_ray", "fragments", "triangles_drawn", "crossings")
+MEANS = (
+    *("ssim", "delta_e_2000", "flip", "wood_grain_energy"),
+    *(
+        "samples_per_ray",
+        "root_evaluations_per_ray",
+        "evaluations_per_ray",
+        "fragments",
+        "triangles_drawn",
+        "crossings",
+    ),
+)
 LARGEST = ("max_error", "percentile_error", "tangent_step", "most_samples", "bytes")
 
 
@@ -173,7 +182,7 @@ def summary_of(views: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "rmse": rmse,
         "psnr": 20.0 * math.log10(peak / rmse) if rmse > 0.0 else None,
     }
-    for name in (*MEANS, *MEANS_TOO):
+    for name in MEANS:
         summary[name] = _mean(one[name] for one in merged)
     for name in LARGEST:
         summary[name] = max(one[name] for one in merged)
