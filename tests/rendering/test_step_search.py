@@ -79,7 +79,9 @@ def test_what_tolerances_need_goes_through_the_measured_ones_by_powers(
     assert tolerance_needs(0.5)["step"] == step_search.LONGEST  # 0.5 · sqrt(50) is beyond what is tried
 
 
-def test_a_tolerance_adds_its_search_and_its_load(volume: Volume) -> None:
+def test_a_tolerance_adds_its_search_and_its_load(volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
+    needs = {"isovalues": 3.0, "triangles": 9.0, "step": 0.25, "surface_search": 7.0, "ray_search": 5.0}
+    monkeypatch.setattr(method_costs, "TOLERANCES", [{"tolerance": e, **needs} for e in (1 / 64, 1 / 255)])
     tf, tolerance = ramp_tf(0.3, 0.5, (0.0, 0.6)), 1 / 255
     plain, asked = (
         {
@@ -90,7 +92,6 @@ def test_a_tolerance_adds_its_search_and_its_load(volume: Volume) -> None:
         }
         for e in (None, tolerance)
     )
-    needs = tolerance_needs(tolerance)
     for method, search in ((DATA_CENTRIC, "surface_search"), (PRE_INTEGRATED, "ray_search")):
         assert asked[method].prepare_seconds >= plain[method].prepare_seconds + needs[search]
         assert asked[method].frame_seconds > plain[method].frame_seconds
