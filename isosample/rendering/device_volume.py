@@ -48,11 +48,6 @@ class DeviceVolume:
     spline : GridSpline, optional
         Of this volume and reconstruction, if it is at hand.
 
-    Attributes
-    ----------
-    sampler : str
-        GLSL type of the uniform ``volume``.
-
     Raises
     ------
     CapacityError
@@ -87,7 +82,6 @@ class DeviceVolume:
             self._kernel, negative = spline.kernel.astype(np.float32), spline.absolute_sum > 1.0
         hardware = HARDWARE_TRIPLES if negative else HARDWARE_PAIRS
         self._filtering = SHADER if layered else hardware
-        self.sampler = "sampler2DArray" if layered else "sampler3D"
         tally(VOLUME_UPLOADS)
         self._texture = _new_texture(ctx, (x, y, z), layered=layered)
         try:
@@ -97,12 +91,6 @@ class DeviceVolume:
         except BaseException:
             self.release()
             raise
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the texture."""
-        x, y, z = (count + 2 * self._smooth for count in self._size_xyz)
-        return 4 * x * y * z
 
     def bind(self) -> None:
         """Bind the texture to its unit."""
@@ -114,7 +102,7 @@ class DeviceVolume:
 
     def fill(self, block: np.void) -> None:
         """Fill in what a struct Raycast says of the samples: their number and the kernel."""
-        block["samples"] = (*self._size_xyz, int(self._smooth))
+        block["samples"] = self._size_xyz
         if self._kernel is not None:
             block["kernel"] = self._kernel
 

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     F32 = npt.NDArray[np.float32]
     F64 = npt.NDArray[np.float64]
 
-SAMPLED_ROWS = 8  # of the sampled transfer function: 8192 entries, as Knoll et al. 2009 have it
-BAND_TEXELS = 8
-OPTICS_LOW, OPTICS_HIGH, RANGE, IMPULSE, SHEET, PEAK, PEAK_PLACE = range(7)
+TEXELS = ("OPTICS_LOW", "OPTICS_HIGH", "RANGE", "IMPULSE", "SHEET", "PEAK", "PEAK_PLACE")  # see layouts.glsl
 LEAST_WIDTH = 1e-30  # of a band that has an inside; the inverse is a float32 number
 
 
@@ -50,15 +48,16 @@ def transfer_texels(
     texels : (rows, BAND_START_COUNT, 4) float32
         Bins, sampled function, bands; see the shader file.
     """
-    width = shared_constants()["BAND_START_COUNT"]
+    width, band_texels = (shared_constants()[name] for name in ("BAND_START_COUNT", "BAND_TEXELS"))
     blocks = [_bins(bands, width)[None]]
     if sampled:
-        values = np.linspace(0.0, 1.0, SAMPLED_ROWS * width)
-        blocks.append(bands.evaluate(values).reshape(SAMPLED_ROWS, width, 4))
+        sampled_rows = shared_constants()["SAMPLED_ROWS"]
+        values = np.linspace(0.0, 1.0, sampled_rows * width)
+        blocks.append(bands.evaluate(values).reshape(sampled_rows, width, 4))
     records = _records(bands, peaks, weight)
-    rows = -(-len(records) * BAND_TEXELS // width)
+    rows = -(-len(records) * band_texels // width)
     table = np.zeros((rows * width, 4))
-    table[: records.shape[0] * BAND_TEXELS] = records.reshape(-1, 4)
+    table[: records.shape[0] * band_texels] = records.reshape(-1, 4)
     return np.concatenate([*blocks, table.reshape(rows, width, 4)]).astype(np.float32)
 
 
@@ -78,22 +77,28 @@ def _bins(bands: ValueBands, count: int) -> F64:
 
 def _records(bands: ValueBands, peaks: list[TransferPeak], weight: PeakWeight) -> F64:
     """(N, BAND_TEXELS, 4) of N bands or peaks, whichever are more."""
+    texel = {name: shared_constants()[f"TEXEL_{name}"] for name in TEXELS}
     count = len(bands.ends)
-    records = np.zeros((max(count, len(peaks)), BAND_TEXELS, 4))
+    records = np.zeros((max(count, len(peaks)), shared_constants()["BAND_TEXELS"], 4))
     width = bands.ends[:, 1] - bands.ends[:, 0]
     wide = width > LEAST_WIDTH
-    records[:count, OPTICS_LOW], records[:count, OPTICS_HIGH] = bands.optics[:, 0], bands.optics[:, 1]
-    records[:count, RANGE, :2] = bands.ends
-    records[:count, RANGE, 2] = bands.optics[:, :, 3].max(axis=1)
-    records[:count, RANGE, 3] = np.where(wide, 1.0, 0.0) / np.where(wide, width, 1.0)
-    records[: count - 1, IMPULSE] = bands.impulses
+    records[:count, texel["OPTICS_LOW"]], records[:count, texel["OPTICS_HIGH"]] = (
+        bands.optics[:, 0],
+        bands.optics[:, 1],
+    )
+    records[:count, texel["RANGE"], :2] = bands.ends
+    records[:count, texel["RANGE"], 2] = bands.optics[:, :, 3].max(axis=1)
+    records[:count, texel["RANGE"], 3] = np.where(wide, 1.0, 0.0) / np.where(wide, width, 1.0)
+    records[: count - 1, texel["IMPULSE"]] = bands.impulses
     for number, peak in enumerate(peaks):
         opacity = peak.strength if peak.isosurface else -np.expm1(-peak.strength)
-        records[number, PEAK] = (*peak.color, opacity)
-        records[number, PEAK_PLACE, :2] = (peak.value, peak.isosurface)
+        records[number, texel["PEAK"]] = (*peak.color, opacity)
+        records[number, texel["PEAK_PLACE"], :2] = (peak.value, peak.isosurface)
         if not peak.isosurface:
             level = int(np.abs(bands.levels - np.float32(peak.value)).argmin())
-            records[level, SHEET] = (1, 0, 0, 0) if weight is PeakWeight.INTEGRAL else (*peak.color, opacity)
+            records[level, texel["SHEET"]] = (
+                (1, 0, 0, 0) if weight is PeakWeight.INTEGRAL else (*peak.color, opacity)
+            )
     return records
 
 

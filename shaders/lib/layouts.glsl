@@ -18,11 +18,22 @@ const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pi
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an empty macrocell (0: not empty), green the step multiplier
-const int UNIT_TRANSFER = 2;             // texture unit: sampled transfer function
+const int UNIT_TRANSFER = 2;             // texture unit: the transfer function, see the texels below
 const int UNIT_PRE_INTEGRATION = 3;      // texture unit: radiance and opacity of a stretch by its two values (and length)
 const int UNIT_PEAK_TABLE = 4;           // texture unit: peaks between two values
 
 const int BAND_START_COUNT = 1024;       // bins of the normalised value range
+const int SAMPLED_ROWS = 8;              // of the sampled transfer function: 8192 entries, as Knoll et al. 2009 have it
+const int BAND_TEXELS = 8;               // of a band, and of a peak, in the texture of the transfer function:
+const int TEXEL_OPTICS_LOW = 0;          // straight linear RGB and extinction at the lower end of the band
+const int TEXEL_OPTICS_HIGH = 1;         // and at the upper one
+const int TEXEL_RANGE = 2;               // values at the two ends, largest extinction, inverse width
+const int TEXEL_IMPULSE = 3;             // of the level at the upper end: straight linear RGB, opacity of an isosurface
+const int TEXEL_SHEET = 4;               // the same of a peak
+const int TEXEL_PEAK = 5;                // of the peak of this number: straight linear RGB, opacity
+const int TEXEL_PEAK_PLACE = 6;          // its value; 1 for an isosurface
+const uint NO_PEAK = 0xFFFFu;            // behind the last peak of an entry of the peak table
+
 const float MASKED_VALUE = 1e20;         // a sample above this is not finite in the data: nothing is seen there
 
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
@@ -110,14 +121,14 @@ struct Raycast {
     vec4 index_row_x;    // sample index = dot(row.xyz, local) + row.w
     vec4 index_row_y;
     vec4 index_row_z;
-    ivec4 samples;       // samples along x, y, z; w: 1 where coefficients lie beside them on every side
+    ivec3 samples;       // along x, y, z
+    int band_count;
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
     float step;          // first step along a ray [world]
     float growth;        // 1: steps grow with the distance from the eye (differential sampling); 0: they do not
     int root_iterations; // secant steps
     uint jitter_seed;    // 0: no jitter
-    int band_count;
     int table_layers;    // lengths of the pre-integration table
     float table_length;  // stretch of its first layer [world]
     float table_ratio;   // natural logarithm of the length of one layer over that of the one before

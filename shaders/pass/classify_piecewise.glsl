@@ -15,19 +15,19 @@ void composite_bands(Stretch stretch, bool surfaces) {
     float front = stretch.front;
     while (true) {
         spent_loops += 2;                 // this one's and that of segment_weights
-        vec4 range = band_texel(band, RANGE);
+        vec4 range = band_texel(band, TEXEL_RANGE);
         bool ends = band == last;
         float back = ends ? stretch.back : rising ? range.y : range.x;
         float end = ends ? stretch.end : stretch.start + length * clamp((back - stretch.front) * inverse_rise, 0.0, 1.0);
         if (range.z > 0.0) {
-            vec4 low = band_texel(band, OPTICS_LOW);
-            vec4 high = band_texel(band, OPTICS_HIGH);
+            vec4 low = band_texel(band, TEXEL_OPTICS_LOW);
+            vec4 high = band_texel(band, TEXEL_OPTICS_HIGH);
             float way = inverse_rise == 0.0 ? length : length * abs((back - front) * inverse_rise);
             composite_slab(start, way, end, mix(low, high, band_position(range.x, range.w, front)),
                            mix(low, high, band_position(range.x, range.w, back)));
         }
         if (ends) break;
-        if (surfaces) composite_surface(end, band_texel(rising ? band : band - 1, IMPULSE));
+        if (surfaces) composite_surface(end, band_texel(rising ? band : band - 1, TEXEL_IMPULSE));
         band += rising ? 1 : -1;
         start = end;
         front = back;

@@ -27,7 +27,7 @@ BandWalk walk;
 
 void enter_band(int band) {
     walk.band = band;
-    walk.range = band_texel(band, RANGE);
+    walk.range = band_texel(band, TEXEL_RANGE);
 }
 
 float least(vec4 b) { return min(min(b.x, b.y), min(b.z, b.w)); }
@@ -44,8 +44,8 @@ bool unseen(float low, float high) { return (PEAK_WEIGHT == 0 || walk.range.z ==
 
 // The extinction of the walk's band along the part [s0, s1] of a cell, on which the values run from `front` to `back`.
 void composite_curve(CellPart part, float s0, float s1, float front, float back) {
-    vec4 optics_low = band_texel(walk.band, OPTICS_LOW);
-    vec4 optics_high = band_texel(walk.band, OPTICS_HIGH);
+    vec4 optics_low = band_texel(walk.band, TEXEL_OPTICS_LOW);
+    vec4 optics_high = band_texel(walk.band, TEXEL_OPTICS_HIGH);
     float width = s1 - s0;
     float way = width;
     vec2 slopes = vec2(cubic_slope(part.cubic, s0), cubic_slope(part.cubic, s1)) * (width * walk.range.w);
@@ -73,7 +73,7 @@ void composite_curve(CellPart part, float s0, float s1, float front, float back)
 bool has_peak(int last) {
     int high = max(walk.band, last);
     for (int level = min(walk.band, last); level < high; ++level) {
-        if (band_texel(level, SHEET).r > 0.0 || band_texel(level, IMPULSE).a > 0.0) return true;
+        if (band_texel(level, TEXEL_SHEET).r > 0.0 || band_texel(level, TEXEL_IMPULSE).a > 0.0) return true;
     }
     return false;
 }
@@ -99,8 +99,8 @@ void composite_piece(CellPart part, float s0, float s1, float front, float back)
         vec4 sheet = vec4(0.0);
         vec4 impulse = vec4(0.0);
         if (!ends) {
-            if (PEAK_WEIGHT == 0) sheet = band_texel(number, SHEET);
-            impulse = band_texel(number, IMPULSE);
+            if (PEAK_WEIGHT == 0) sheet = band_texel(number, TEXEL_SHEET);
+            impulse = band_texel(number, TEXEL_IMPULSE);
             bool needed = PEAK_WEIGHT == 1 || sheet.a > 0.0 || impulse.a > 0.0;
             next = needed ? cubic_root(part.cubic, level, s, s1, rising) : s;
         }

@@ -3,8 +3,6 @@
 #if METHOD == 2 && CROSSINGS == 0
 layout(binding = UNIT_PEAK_TABLE) uniform usampler2D peak_table;
 
-const uint NO_PEAK = 0xFFFFu;
-
 int peak_bin(float value) {
     int bins = textureSize(peak_table, 0).x;
     return int(clamp(value * float(bins), 0.0, float(bins - 1)));
@@ -41,10 +39,10 @@ bool composite_crossings(Stretch stretch) {
     int found = 0;
     for (int i = 0; i < 4 && found < PEAKS; ++i) {
         if (candidates[i] == NO_PEAK) continue;
-        float value = band_texel(int(candidates[i]), PEAK_PLACE).x;
+        float value = band_texel(int(candidates[i]), TEXEL_PEAK_PLACE).x;
         if (!crosses(stretch, value)) continue;
         ++found;
-        composite_surface(secant_root(stretch, value), band_texel(int(candidates[i]), PEAK));
+        composite_surface(secant_root(stretch, value), band_texel(int(candidates[i]), TEXEL_PEAK));
     }
     return found > 0;
 }
@@ -59,14 +57,14 @@ void composite_shares(Stretch stretch) {
     int found = 0;
     for (int i = 0; i < 4 && found < PEAKS; ++i) {
         if (candidates[i] == NO_PEAK) continue;
-        vec2 peak = band_texel(int(candidates[i]), PEAK_PLACE).xy;
+        vec2 peak = band_texel(int(candidates[i]), TEXEL_PEAK_PLACE).xy;
         if (!crosses(stretch, peak.x)) continue;
         ++found;
         float place = clamp(secant_root(stretch, peak.x), rest.start, stretch.end);
         composite_bands(Stretch(rest.start, place, rest.front, peak.x), false);
         rest.start = place;
         rest.front = peak.x;
-        if (peak.y > 0.0) composite_surface(place, band_texel(int(candidates[i]), PEAK));
+        if (peak.y > 0.0) composite_surface(place, band_texel(int(candidates[i]), TEXEL_PEAK));
         else ++ray.crossings;
     }
     if (PEAK_MODE != 2 || found > 0) composite_bands(rest, false);

@@ -1,21 +1,11 @@
 // The transfer function, from one texture: its first row has BAND_START_COUNT bins of the values [0, 1] (first and last band of
-// a bin, largest extinction in these); then, with TRANSFER 1, rows of the sampled function; then BANDS_OF_ROW bands a row, of
-// BAND_TEXELS texels each. Texels take software renderers less time than storage buffers.
+// a bin, largest extinction in these); then, with TRANSFER 1, rows of the sampled function; then bands of BAND_TEXELS texels
+// each. Texels take software renderers less time than storage buffers.
 // Made by isosample/rendering/transfer_texture.py.
 
 layout(binding = UNIT_TRANSFER) uniform sampler2D transfer;
 
-const int SAMPLED_ROWS = 8;               // of the sampled transfer function: 8192 entries
 const int FIRST_BAND_ROW = TRANSFER == 1 ? 1 + SAMPLED_ROWS : 1;
-const int BAND_TEXELS = 8;
-const int BANDS_OF_ROW = BAND_START_COUNT / BAND_TEXELS;
-const int OPTICS_LOW = 0;                 // straight linear RGB and extinction at the lower end of the band
-const int OPTICS_HIGH = 1;                // and at the upper one
-const int RANGE = 2;                      // values at the two ends, largest extinction, inverse width
-const int IMPULSE = 3;                    // of the level at the upper end: straight linear RGB, opacity of an isosurface
-const int SHEET = 4;                      // the same of a peak
-const int PEAK = 5;                       // of the peak of this number: straight linear RGB, opacity
-const int PEAK_PLACE = 6;                 // its value; 1 for an isosurface
 
 vec4 band_texel(int band, int texel) {
     int place = band * BAND_TEXELS + texel;
@@ -32,7 +22,7 @@ int band_in(vec4 bin, float value) {
     int high = int(bin.y);
     while (low < high) {
         int middle = (low + high) / 2;
-        bool above = value >= band_texel(middle, RANGE).y;
+        bool above = value >= band_texel(middle, TEXEL_RANGE).y;
         low = above ? middle + 1 : low;
         high = above ? high : middle;
     }
@@ -43,7 +33,7 @@ int band_of(float value) { return band_in(bin_of(value), value); }
 
 // Straight linear RGB and extinction [1/world] at a value of a band (or at its end), whose range is given.
 vec4 optics_in(int band, vec4 range, float value) {
-    return mix(band_texel(band, OPTICS_LOW), band_texel(band, OPTICS_HIGH), band_position(range.x, range.w, value));
+    return mix(band_texel(band, TEXEL_OPTICS_LOW), band_texel(band, TEXEL_OPTICS_HIGH), band_position(range.x, range.w, value));
 }
 
 // The same at any value.
@@ -58,6 +48,6 @@ vec4 optics_at(float value) {
                entry - float(below));
 #else
     int band = band_of(value);
-    return optics_in(band, band_texel(band, RANGE), value);
+    return optics_in(band, band_texel(band, TEXEL_RANGE), value);
 #endif
 }

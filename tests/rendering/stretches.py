@@ -135,7 +135,7 @@ class Caster:
     ) -> tuple[F64, F64]:
         coefficients = np.ascontiguousarray(cubics, dtype=np.float32).reshape(-1, 4)
         block = np.zeros(1, dtype=uniform_dtype("Raycast"))
-        block[0]["samples"] = (1 << 16, 2, 2, 0)
+        block[0]["samples"] = (1 << 16, 2, 2)
         transfer.fill(block[0])
         frame, given = self._gl.buffer(block), self._gl.buffer(coefficients)
         results = self._gl.buffer(reserve=32 * len(coefficients))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
@@ -21,6 +22,7 @@ from isosample.rendering.raycast_settings import (
     RaycastSettings,
     TransferLookup,
 )
+from isosample.transfer.peaks import NO_PEAK
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
 from rendering.stretches import Caster, integrated
 
@@ -202,6 +204,10 @@ def test_the_modes_show_what_they_are_named_after(caster: Caster) -> None:
         through[PeakMode.PEAK_ONLY] * through[PeakMode.DVR_ONLY], abs=ROUNDING
     )
     assert found[PeakMode.PEAK_ONLY] < found[PeakMode.XOR] < found[PeakMode.BOTH]
+
+
+def test_shader_and_table_mean_the_same_by_no_peak() -> None:
+    assert shared_constants()["NO_PEAK"] == NO_PEAK
 
 
 def test_dvr_only_counts_no_root(caster: Caster) -> None:
