@@ -94,7 +94,7 @@ def march_levels(brick: BrickSamples, isovalues: F64) -> list[LocalMesh]:
 
 def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     """March a brick of the trilinear field."""
-    from isosample.surfaces import march_kernels, vertex_kernels
+    from isosample.surfaces import march_kernels, numbering_kernels, vertex_kernels
 
     planes, rows, columns = brick.padded.shape
     values, table = brick.padded.reshape(-1), march_table()
@@ -107,7 +107,7 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     usable, fresh_edges = ALL_CELLS, ALL_FRESH
     if brick.usable_cells is not None:
         usable, fresh_edges = brick.usable_cells.view(np.uint8), SCRATCH.room("fresh", cell_shape, np.int16)
-        vertex_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
+        numbering_kernels.find_fresh_edges(usable, table.lower_corner, fresh_edges)
     pair_start = np.empty(len(levels) + 1, dtype=np.int64)
     extremes = SCRATCH.room("extremes", (2, columns), np.int16)
     cell_count = march_kernels.crossed_cells(
@@ -131,8 +131,8 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         pairs,
         triangle_counts,
     )
-    rings = SCRATCH.room("rings", (centre_count, vertex_kernels.RING), np.int32)
-    slots = SCRATCH.room("slots", vertex_kernels.SLOT_PLANES * columns * rows, np.int32)
+    rings = SCRATCH.room("rings", (centre_count, numbering_kernels.RING), np.int32)
+    slots = SCRATCH.room("slots", numbering_kernels.SLOT_PLANES * columns * rows, np.int32)
     nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
     vertex_kernels.fill_nodes(brick.padded, nodes)
     meshes: list[LocalMesh] = []
@@ -143,7 +143,7 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         codes = SCRATCH.room("codes", most_vertices, np.int32)
         triangles = np.empty((triangle_start[-1], 3), dtype=np.int32)
         vertex_start = np.empty(len(triangle_start), dtype=np.int64)
-        ring_count = vertex_kernels.number_vertices(
+        ring_count = numbering_kernels.number_vertices(
             columns,
             columns * rows,
             table,
