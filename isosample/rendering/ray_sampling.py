@@ -35,7 +35,7 @@ def fill_sampling(
 ) -> None:
     """Fill in the members of a struct Raycast that say where samples lie."""
     block["step"] = first_step(settings, geometry, rays, size)
-    block["growth"] = float(settings.sampling is Sampling.DIFFERENTIAL)
+    block["differential"] = float(settings.sampling is Sampling.DIFFERENTIAL)
     block["jitter_seed"] = 0 if settings.jitter is None else settings.jitter + 1
     local_from_index = geometry.world_from_index
     index_from_local = np.linalg.inv(local_from_index[:3, :3])

@@ -126,7 +126,7 @@ struct Raycast {
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
     float step;          // first step along a ray [world]
-    float growth;        // 1: steps grow with the distance from the eye (differential sampling); 0: they do not
+    float differential;  // 1: steps grow with the distance from the eye; 0: they do not
     int root_iterations; // secant steps
     uint jitter_seed;    // 0: no jitter
     int table_layers;    // lengths of the pre-integration table
@@ -140,8 +140,8 @@ struct RayState {
     vec4 light;          // radiance, transmittance
     int sample_index;    // next sample; -1: done
     float entry;         // distance at which the macrocell was entered [world]
-    uint cell_xy;        // macrocell: x in the low 16 bits, y in the high
-    uint cell_z;
+    uint macrocell_xy;   // macrocell: x in the low 16 bits, y in the high
+    uint macrocell_z;
     uint samples;        // so far
 };
 

@@ -7,8 +7,8 @@ const int TURNS_OF_LOOP = 8;              // of the loops inside a stretch, that
 // Where the march is.
 struct March {
     int number;                           // sample at which the next stretch begins
-    float entry;                          // distance at which the ray entered `cell` [world]
-    ivec3 cell;                           // macrocell
+    float entry;                          // distance at which the ray entered `macrocell` [world]
+    ivec3 macrocell;
 };
 
 // A macrocell, or a block of empty ones around it, and where the ray leaves it.
@@ -20,35 +20,35 @@ struct Room {
 };
 
 float numbered_distance(int number) {
-    float distance = sample_distance(ray.first_step, ray.growth, float(number) + ray.shift);
+    float distance = sample_distance(raycast.step, ray.growth, float(number) + ray.shift);
     return clamp(distance, ray.start, ray.end);
 }
 
-float number_at(float distance) { return sample_number(ray.first_step, ray.growth, distance) - ray.shift; }
+float number_at(float distance) { return sample_number(raycast.step, ray.growth, distance) - ray.shift; }
 
 March fresh_march() {
-    ivec3 cell = clamp(ivec3(ray.index_start) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
-    return March(int(floor(number_at(ray.start))), ray.start, cell);
+    ivec3 macrocell = clamp(ivec3(ray.index_start) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
+    return March(int(floor(number_at(ray.start))), ray.start, macrocell);
 }
 
 March resumed_march(RayState state) {
     ray.radiance = state.light.rgb;
     ray.transmittance = state.light.a;
     ray.samples = state.samples;
-    return March(state.sample_index, state.entry, ivec3(state.cell_xy & 0xFFFFu, state.cell_xy >> 16, state.cell_z));
+    return March(state.sample_index, state.entry, ivec3(state.macrocell_xy & 0xFFFFu, state.macrocell_xy >> 16, state.macrocell_z));
 }
 
 RayState state_of(March march) {
-    uint cell_xy = uint(march.cell.x) | uint(march.cell.y) << 16;
-    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, cell_xy, uint(march.cell.z), ray.samples);
+    uint macrocell_xy = uint(march.macrocell.x) | uint(march.macrocell.y) << 16;
+    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, macrocell_xy, uint(march.macrocell.z), ray.samples);
 }
 
 // The macrocell, or, `leap` > 0, the block of those less than `leap` away from it.
 Room room_around(March march, int leap) {
     int reach = max(leap - 1, 0);
     Room room;
-    room.low = max(march.cell - reach, ivec3(0));
-    room.high = min(march.cell + reach + 1, raycast.macrocells.xyz);
+    room.low = max(march.macrocell - reach, ivec3(0));
+    room.high = min(march.macrocell + reach + 1, raycast.macrocells.xyz);
     bvec3 ascends = greaterThan(ray.index_direction, vec3(0.0));
     vec3 bounds = float(raycast.macrocells.w) * mix(vec3(room.low), vec3(room.high), ascends);
     vec3 exits = mix(ray.start + (bounds - ray.index_start) / ray.index_direction, vec3(FAR), equal(ray.index_direction, vec3(0.0)));
@@ -64,7 +64,7 @@ bool leave(Room room, inout March march) {
     ivec3 beside = clamp(ivec3(floor(index / float(raycast.macrocells.w))), room.low, room.high - 1);
     ivec3 behind = mix(room.low - 1, room.high, greaterThan(ray.index_direction, vec3(0.0)));
     ivec3 next = mix(beside, behind, equal(ivec3(0, 1, 2), ivec3(room.axis)));
-    march.cell = next;
+    march.macrocell = next;
     return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
 }
 
@@ -79,15 +79,15 @@ int next_number(March march, uint multiplier) {
     ivec3 here = macrocell_at(ray_at(numbered_distance(march.number)));
     Room room = room_around(march, 0);
     int inside = int(floor(number_at(min(room.exit, ray.end))));
-    if (here == march.cell && march.number < inside) return min(march.number + int(multiplier), inside);
+    if (here == march.macrocell && march.number < inside) return min(march.number + int(multiplier), inside);
 #endif
     return march.number + 1;
 }
 
 // Composites stretches until a sample lies in an empty macrocell, or the ray ends: software renderers execute what is
 // inside a loop, taken or not, so there is nothing in this one but a sample, its stretch and a look at its macrocell.
-// `cell` is what the grid holds at `march.cell`.
-void run(int last, inout March march, inout uvec4 cell, inout uint visited, inout int loops) {
+// `texel` is that of the macrocells at `march.macrocell`.
+void run(int last, inout March march, inout uvec4 texel, inout uint visited, inout int loops) {
     float start = numbered_distance(march.number);
     if (march.number != ray.sampled) {
         ray.value = field(ray_at(start));
@@ -95,7 +95,7 @@ void run(int last, inout March march, inout uvec4 cell, inout uint visited, inou
     }
     bool on = true;
     while (on) {
-        march.number = next_number(march, cell.g);
+        march.number = next_number(march, texel.g);
         float end = numbered_distance(march.number);
         vec3 index = ray_at(end);
         float back = field(index);
@@ -106,10 +106,10 @@ void run(int last, inout March march, inout uvec4 cell, inout uint visited, inou
         start = end;
         ray.value = back;
         ivec3 next = macrocell_at(index);
-        cell = texelFetch(macrocells, next, 0);
-        if (cell.r == 0u && next != march.cell) ++visited;
-        march.cell = next;
-        on = cell.r == 0u && march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0;
+        texel = texelFetch(macrocells, next, 0);
+        if (texel.r == 0u && next != march.macrocell) ++visited;
+        march.macrocell = next;
+        on = texel.r == 0u && march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0;
     }
     ray.sampled = march.number;
     march.entry = start;
@@ -122,19 +122,19 @@ bool march_on(inout March march) {
     uint skipped = 0u;
     int last = int(ceil(number_at(ray.end)));
     bool ended = march.number >= last;
-    uvec4 cell = texelFetch(macrocells, march.cell, 0);
+    uvec4 texel = texelFetch(macrocells, march.macrocell, 0);
     while (!ended && loops > 0) {
-        while (cell.r > 0u && !ended && loops > 0) {
+        while (texel.r > 0u && !ended && loops > 0) {
             --loops;
             ++skipped;
-            ended = !leave(room_around(march, int(cell.r)), march);
-            if (!ended) cell = texelFetch(macrocells, march.cell, 0);
+            ended = !leave(room_around(march, int(texel.r)), march);
+            if (!ended) texel = texelFetch(macrocells, march.macrocell, 0);
         }
         march.number = max(march.number, int(floor(number_at(march.entry))));
         ended = ended || march.number >= last;
-        if (ended || cell.r > 0u) break;
+        if (ended || texel.r > 0u) break;
         ++visited;
-        run(last, march, cell, visited, loops);
+        run(last, march, texel, visited, loops);
         ended = march.number >= last || ray.transmittance < frame.min_transmittance;
     }
     if (visited > 0u) atomicAdd(counters.macrocells, visited);

@@ -17,7 +17,6 @@ struct Ray {
     float end;                            // and leaves it
     vec3 index_start;                     // sample index at `start`
     vec3 index_direction;                 // sample indices per world unit
-    float first_step;                     // [world]
     float growth;                         // of the steps [world]
     float shift;                          // of the samples, in steps
     vec3 radiance;
@@ -107,8 +106,7 @@ void begin_ray(ivec2 pixel) {
                            dot(raycast.index_row_z.xyz, entry) + raycast.index_row_z.w);
     ray.index_direction = vec3(dot(raycast.index_row_x.xyz, ray.direction), dot(raycast.index_row_y.xyz, ray.direction),
                                dot(raycast.index_row_z.xyz, ray.direction));
-    ray.first_step = raycast.step;
-    ray.growth = frame.perspective * raycast.growth * raycast.step * direction_differential(direction, frame.span_right);
+    ray.growth = frame.perspective * raycast.differential * raycast.step * direction_differential(direction, frame.span_right);
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
     ray.transmittance = 1.0;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import pytest
 import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
-from isosample.compare.contenders import METHODS, ComparedScene, Parameter, Setting
+from isosample.compare import experiment
+from isosample.compare.contenders import METHODS, SAMPLE_BYTES, ComparedScene, Parameter, Setting
 from isosample.compare.conventions import grain_band_of
 from isosample.compare.experiment import Experiment, run_experiment
 from isosample.compare.frames import time_frames
@@ -22,12 +24,15 @@ from isosample.compare.results import write_results, write_table
 from isosample.compare.sweep import Sweep
 from isosample.errors import InputError
 from isosample.rendering.image import Image
-from isosample.rendering.raycast_settings import Sampling
+from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
+    from isosample.compare.contenders import Contender
     from isosample.compare.experiment import Outcome
+    from isosample.compare.frames import Timing
     from isosample.rendering.camera import Camera
 
 pytestmark = pytest.mark.usefixtures("gl")
@@ -157,6 +162,9 @@ def test_the_table_has_every_number_of_the_file(document: dict[str, Any], tmp_pa
 def test_the_file_says_what_was_run(document: dict[str, Any]) -> None:
     assert (document["format"], document["version"]) == ("isosample comparison", 1)
     assert document["settings"]["cameras"] == [camera.to_dict() for camera in CAMERAS]
+    shared = {field.name for field in fields(RaycastSettings)} - {"classification", "step", "pixel_scale"}
+    assert shared <= set(document["settings"])
+    assert document["settings"]["transfer_lookup"] == "exact"
     assert isosample.TransferFunction.from_dict(document["scene"]["transfer_function"]).to_dict() == (
         blob_scene().transfer_function.to_dict()
     )
@@ -176,8 +184,8 @@ class _Recorder:
         self._name = name
         self._log = log
 
-    def prepare(self, progress: object) -> None:
-        raise AssertionError(f"{self._name} is prepared already; {progress} is not asked for")
+    def prepare(self) -> None:
+        raise AssertionError(f"{self._name} is prepared already")
 
     def load(self) -> float:
         self._log.append(f"load {self._name}")
@@ -201,9 +209,18 @@ def test_frames_are_drawn_in_turn_after_one_of_every_view_that_does_not_count() 
     assert [(timing.prepare_seconds, timing.load_seconds) for timing in timings] == [(0.125, 0.375)] * 3
 
 
-def test_contenders_that_do_not_fit_together_are_measured_in_groups() -> None:
-    small = small_experiment(budget_bytes=1, methods=("post-classified", "pre-integrated"))
+def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes = []
+
+    def counted(group: Sequence[Contender], *rest: Any) -> list[Timing]:
+        sizes.append(len(group))
+        return time_frames(group, *rest)
+
+    monkeypatch.setattr(experiment, "time_frames", counted)
+    texture = SAMPLE_BYTES * blob_scene().volume.array.size
+    small = small_experiment(budget_bytes=3 * texture, methods=("post-classified", "pre-integrated"))
     found = run_experiment(small).results.to_dict()
+    assert sizes == [3, 1]
     assert [entry["name"] for entry in found["entries"]] == [
         f"{method}-step-{step}" for method in small.sweep.methods for step in ("2", "1-2")
     ]
@@ -228,9 +245,16 @@ def test_differential_sampling_is_swept_by_pixel_scale() -> None:
     assert swept == [[Setting("peak-finding", Parameter.PIXEL_SCALE, value) for value in (8.0, 2.0)]]
 
 
-@pytest.mark.parametrize("methods", [(), ("magic",), ("post-classified", "post-classified")])
-def test_methods_are_known_and_differ(methods: tuple[str, ...]) -> None:
-    with pytest.raises(InputError):
+@pytest.mark.parametrize(
+    ("methods", "message"),
+    [
+        ((), r"methods \(\) must be one or more"),
+        (("magic",), "'magic' must be one of data-centric"),
+        (("post-classified", "post-classified"), "each once"),
+    ],
+)
+def test_methods_are_known_and_differ(methods: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Sweep(methods=methods)
 
 
