@@ -1,5 +1,6 @@
-"""Defaults and file suffixes that the Python interface and the commands share; imports nothing."""
+"""Names, defaults and file suffixes that the Python interface and the commands share; imports nothing."""
 
+DATA_CENTRIC = "data-centric"  # name of the method that renders isosurfaces
 DEFAULT_SIZE = (800, 800)  # width, height [pixel]
 DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")

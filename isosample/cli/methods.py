@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
+from isosample.defaults import DATA_CENTRIC as DATA_CENTRIC
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
     import argparse
 
-DATA_CENTRIC, REFERENCE = "data-centric", "reference"
+REFERENCE = "reference"
 POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING = "post-classified", "pre-integrated", "peak-finding"
 RAYCAST_METHODS = (POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING)
 METHODS = (DATA_CENTRIC, *RAYCAST_METHODS, REFERENCE)

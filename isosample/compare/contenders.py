@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+from isosample.defaults import DATA_CENTRIC
 from isosample.errors import InputError
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.preparation import Quality, prepare_surfaces
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-DATA_CENTRIC = "data-centric"
 METHODS = (DATA_CENTRIC, *(kind.value for kind in Classification))
 SAMPLE_BYTES = 4  # of the volume's texture
 TRIANGLE_BYTES = 48  # of a triangle, its share of the vertices and of what the host keeps of them, about

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isosample.compare.verdict import judge
 from isosample.files import replacing
 
 if TYPE_CHECKING:
@@ -144,8 +145,6 @@ class Results:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of results.json: all of it, with the verdict that follows from the entries."""
-        from isosample.compare.verdict import judge
-
         entries = [entry.to_dict() for entry in self.entries]
         return {
             "format": FORMAT_NAME,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isosample.compare.contenders import DATA_CENTRIC, METHODS, Parameter, Setting
+from isosample.compare.contenders import METHODS, Parameter, Setting
+from isosample.defaults import DATA_CENTRIC
 from isosample.errors import InputError
 from isosample.rendering.raycast_settings import Sampling
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.compare.contenders import DATA_CENTRIC
+from isosample.defaults import DATA_CENTRIC
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,7 +6,7 @@ import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Self
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_SIZE
+from isosample.defaults import DATA_CENTRIC, DEFAULT_MAX_ISOVALUES, DEFAULT_SIZE
 from isosample.errors import InputError
 from isosample.gl.context import shared_context
 from isosample.integral.segment_rule import SegmentRule
@@ -263,7 +263,7 @@ def statistics_of(
     pixels = size[0] * size[1]
     return {
         "renderer": ctx.info["GL_RENDERER"],
-        "method": "data-centric",
+        "method": DATA_CENTRIC,
         "size": list(size),
         "seconds": {stage: round(time, 6) for stage, time in seconds.items()},
         "isovalues": scene.plan.isovalues.tolist(),
