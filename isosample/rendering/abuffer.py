@@ -18,7 +18,7 @@ from isosample.rendering.culling import Culling
 from isosample.rendering.device_scene import DeviceScene, residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
-from isosample.rendering.frame import frame_block, frame_dtype, head_start, set_tile, shared_constants
+from isosample.rendering.frame import frame_block, head_start, set_tile, shared_constants, uniform_dtype
 from isosample.rendering.frame_statistics import FrameStatistics as FrameStatistics
 from isosample.rendering.picture_target import PictureTarget
 from isosample.rendering.programs import Programs
@@ -94,7 +94,7 @@ class ABuffer:
         self._culling = Culling(self._device.meshes.chunks)
         self._pool = FragmentPool(ctx)
         self._was_split = False
-        self._frame_buffer = ctx.buffer(reserve=frame_dtype().itemsize)
+        self._frame_buffer = ctx.buffer(reserve=uniform_dtype("Frame").itemsize)
         self._query = ctx.query(samples=True)
         self._target = PictureTarget(ctx)
         self._rasteriser: moderngl.Framebuffer | None = None

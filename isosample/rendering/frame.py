@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 LAYOUTS = "lib/layouts.glsl"
 FARTHEST_EYE = 1e4  # radii of the box: distances are then rounded to 1e4 · 2^-24 radii, a fraction of a cell
-
 CURVED_LIMIT = 0.5 / 3.0**0.5  # of a cell's diagonal: half an edge of a cube
 
 
@@ -55,11 +54,6 @@ def uniform_dtype(name: str) -> np.dtype[np.void]:
     return struct_dtypes(_layouts_text(), Packing.STD140)[name]
 
 
-def frame_dtype() -> np.dtype[np.void]:
-    """Layout of the struct Frame in a uniform block."""
-    return uniform_dtype("Frame")
-
-
 def frame_block(
     scene: Scene, camera: Camera, size: tuple[int, int], settings: RenderSettings
 ) -> npt.NDArray[np.void]:
@@ -80,7 +74,7 @@ def camera_block(
     geometry: GridGeometry, camera: Camera, size: tuple[int, int], settings: RenderSettings
 ) -> npt.NDArray[np.void]:
     """(1,) Frame without surfaces: camera, box and look of a picture of (width, height) pixels."""
-    block = np.zeros(1, dtype=frame_dtype())
+    block = np.zeros(1, dtype=uniform_dtype("Frame"))
     frame = block[0]
     width, height = size
     box = geometry.box
