@@ -111,9 +111,10 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
 
     Notes
     -----
-    The methods share volume, transfer function, camera, size, background, clip planes and reconstruction. All of
-    them are loaded and have drawn every view once before a frame is timed; then each draws one frame after the other,
-    in an order that rotates from round to round, so that what slows the machine down for a while hits all alike.
+    The methods share volume, transfer function, camera, size, background, clip planes and reconstruction. All
+    contenders that fit `budget_bytes` together are loaded and have drawn every view once before a frame of them is
+    timed; then each draws one frame after the other, in an order that rotates from round to round, so that what slows
+    the machine down for a while hits all alike.
     """
     report = progress or (lambda _stage, _done, _total: None)
     truths = list(_references(experiment, report))
