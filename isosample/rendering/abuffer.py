@@ -5,6 +5,7 @@ Source: Lindholm et al., "Towards data centric sampling for volume rendering", A
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
@@ -45,6 +46,10 @@ SEGMENT_RULES = {
     SegmentRule.LINEAR: 2,
     SegmentRule.CUBIC: 3,
 }
+# Lists by length: (nodes sorted in registers, runs of as many that a list may have). Each class takes one program, which
+# resolves the chains among the lists that the one before left; see shaders/pass/chain.glsl.
+CHAIN_CLASSES = ((16, 1), (32, 1), (32, 8))
+LARGEST_ARRAY = 64  # nodes of a list that is no chain: longer ones are sorted on their links
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -295,40 +300,74 @@ class ABuffer:
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
-        """Sort and integrate the lists of a tile into the target; very long lists take a second round."""
-        limit = shared_constants()["LINK_SORT_LIMIT"]
+        """Sort and integrate the lists of a tile into the target."""
         with self.timer.stage("resolve"):
-            self._integrate(tile, frame)
-            longest = int(self._pool.counters()["max_depth_complexity"])
-            if longest > limit:
-                self._merge_long_lists(tile, longest)
-                self._pool.clear_resolve_counters()
-                self._integrate(tile, frame)
+            chains = not self._device.has_mask and frame.settings.sort_capacity >= math.prod(CHAIN_CLASSES[0])
+            if not chains or self._resolve_chains(tile, frame):
+                self._resolve_rest(tile, frame, first=not chains)
 
-    def _integrate(self, tile: Tile, frame: _Frame) -> None:
-        constants = {
+    def _resolve_chains(self, tile: Tile, frame: _Frame) -> bool:
+        """Resolve the lists that are chains, by classes of length; return whether any list is left."""
+        counters = self._pool.counters()
+        for number, (run, runs) in enumerate(CHAIN_CLASSES):
+            if run * runs > frame.settings.sort_capacity:
+                return True
+            longer = int(counters["longer_lists"])
+            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUN=run, RUNS=runs)
+            counters = self._pool.counters()
+            if int(counters["longer_lists"]) == longer:
+                return int(counters["broken_chains"]) > 0
+        return True
+
+    def _resolve_rest(self, tile: Tile, frame: _Frame, *, first: bool) -> None:
+        """Resolve all lists that are left; very long ones take a second round."""
+        constants = shared_constants()
+        capacity = min(frame.settings.sort_capacity, LARGEST_ARRAY)
+        self._run_resolve("resolve", tile, frame, first=first, SORT_CAPACITY=capacity)
+        longest = int(self._pool.counters()["max_depth_complexity"])
+        if longest > constants["LINK_SORT_LIMIT"]:
+            self._merge_long_lists(tile, longest)
+            frame.block["longest_walked"] = LONGEST_LIST
+            self._bind(tile, frame)
+            self._run_resolve("resolve", tile, frame, first=False, SORT_CAPACITY=capacity)
+            frame.block["longest_walked"] = constants["LINK_SORT_LIMIT"]
+
+    def _run_resolve(
+        self, entry: str, tile: Tile, frame: _Frame, *, first: bool, **constants: int
+    ) -> None:
+        """Run one program of the resolve pass over a tile: the first one, or one that finds something done."""
+        constants |= self._device.constants | {
             "SHADING": frame.shading,
             "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
-            "SORT_CAPACITY": frame.settings.sort_capacity,
         }
         if resolve_stage(self._ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
-            self._integrate_by_fragments(tile, constants)
+            self._run_by_fragments(f"{entry}.frag", tile, constants, first=first)
         else:
-            self._integrate_by_compute(tile, constants)
+            self._run_by_compute(f"{entry}.comp", tile, constants)
         self._ctx.memory_barrier()
 
-    def _integrate_by_fragments(self, tile: Tile, constants: dict[str, int]) -> None:
-        assert self._target is not None
-        screen = self._ctx.vertex_array(
-            self._programs.graphics("screen.vert", "resolve.frag", **constants), []
-        )
-        self._target.scissor = (tile.x, tile.y, tile.width, tile.height)
-        with drawing_into(self._ctx, self._target):
-            screen.render(vertices=3)
-        screen.release()
+    def _run_by_fragments(self, entry: str, tile: Tile, constants: dict[str, int], *, first: bool) -> None:
+        target = self._target
+        assert target is not None
+        block = 1 if first else shared_constants()["RESOLVE_BLOCK"]
+        if first:
+            program = self._programs.graphics("screen.vert", entry, **constants)
+        else:
+            broken = int(entry == "resolve.frag")
+            program = self._programs.graphics("open_blocks.vert", entry, BROKEN=broken, **constants)
+        target.viewport = (0, 0, *(-(-edge // block) * block for edge in target.size))
+        target.scissor = (tile.x, tile.y, tile.width, tile.height)
+        vertices = self._ctx.vertex_array(program, [])
+        with drawing_into(self._ctx, target):
+            if first:
+                vertices.render(vertices=3)
+            else:
+                self._ctx.enable(self._ctx.PROGRAM_POINT_SIZE)
+                vertices.render(self._ctx.POINTS, vertices=tile.blocks(block))
+        vertices.release()
 
-    def _integrate_by_compute(self, tile: Tile, constants: dict[str, int]) -> None:
-        program = self._programs.compute("resolve.comp", **constants)
+    def _run_by_compute(self, entry: str, tile: Tile, constants: dict[str, int]) -> None:
+        program = self._programs.compute(entry, **constants)
         unit = shared_constants()["BINDING_IMAGE"]
         self._picture.bind_to_image(unit, read=False, write=True)
         program.run(*work_groups(tile))

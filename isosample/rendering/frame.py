@@ -72,7 +72,7 @@ def frame_block(
     if scene.face_kernel is not None:
         frame["smooth_faces"], frame["face_kernel"] = 1, scene.face_kernel
     frame["box_faces"] = int(scene.mask is None)
-    frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
+    frame["longest_walked"] = shared_constants()["LINK_SORT_LIMIT"]
     return block
 
 

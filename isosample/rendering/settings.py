@@ -114,7 +114,7 @@ class RenderSettings:
     fragment_budget_bytes: int = DEFAULT_FRAGMENT_BUDGET_BYTES
     mesh_budget_bytes: int = DEFAULT_MESH_BUDGET_BYTES
     min_transmittance: float = DEFAULT_MIN_TRANSMITTANCE
-    sort_capacity: int = 64
+    sort_capacity: int = 256
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(0.0 <= part <= 1.0 for part in self.background):

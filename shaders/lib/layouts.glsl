@@ -28,6 +28,9 @@ const int BAND_START_COUNT = 1024;       // bins of the normalised value range
 const float MASKED_VALUE = 1e20;         // a sample above this is not finite in the data: nothing is seen there
 
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
+const uint LIST_DONE = 0xFFFFFFFEu;      // in place of a list whose pixel is resolved
+const uint BROKEN_LIST = 0x80000000u;    // on the head of a list that is no chain, see pass/chain.glsl
+const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
@@ -56,6 +59,8 @@ struct Counters {
     uint unfinished_rays;                // walks that the driver ended before their list did: 0, or there is no picture
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
+    uint longer_lists;                   // lists left to a later program of the resolve pass because of their length,
+    uint broken_chains;                  // and because they are no chains
 };
 
 // The TF inside one band; linear in the value between the two ends (one-sided limits).
@@ -100,7 +105,7 @@ struct Frame {
     int samples_z;
     int level_count;
     float min_transmittance; // a ray stops below this
-    uint sorted_length;      // lists longer than this are sorted already
+    uint longest_walked;     // longer lists are not resolved: merge_lists.comp has not sorted them yet
     int box_faces;           // 1: rays enter and leave through the box; 0: through domain fragments in the lists
     int smooth_faces;        // 1: the faces hold spline coefficients, one more on every side
     float curved_limit;      // largest way from a triangle to the curved surface [world]
