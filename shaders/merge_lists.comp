@@ -12,8 +12,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
-layout(std430, binding = BINDING_NODES) buffer Nodes { Node nodes[]; };
 
+#include "pass/nodes.glsl"
 #include "pass/sort_lists.glsl"
 
 uniform uint run;

@@ -7,7 +7,6 @@
 
 const int BINDING_FRAME = 0;             // uniform block
 const int BINDING_HEADS = 0;             // storage: one list head per pixel of the tile
-const int BINDING_NODES = 1;             // storage: the fragment pool
 const int BINDING_COUNTERS = 2;          // storage: struct Counters
 const int BINDING_BANDS = 3;             // storage: struct Band, one more than there are levels
 const int BINDING_LEVELS = 4;            // storage: struct Level, one per level
@@ -18,6 +17,7 @@ const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pi
 const int BINDING_BAND_STARTS = 8;       // storage: band in which each of BAND_START_COUNT value bins begins
 const int BINDING_PEAKS = 9;             // storage: struct Peak, ascending values
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
+const int BINDING_NODES = 1;             // image unit: the fragment pool, one texel per struct Node
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an empty macrocell (0: not empty), green the step multiplier
 const int UNIT_TRANSFER = 2;             // texture unit: sampled transfer function
@@ -31,6 +31,7 @@ const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
 const uint LIST_DONE = 0xFFFFFFFEu;      // in place of a list whose pixel is resolved
 const uint BROKEN_LIST = 0x80000000u;    // on the head of a list that is no chain, see pass/chain.glsl
 const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
+const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded

@@ -24,15 +24,17 @@ uint sorted_normals[RUN * RUNS];
 #include "pass/network.glsl"
 
 #if SHADING
-#define LOAD_NORMAL(i) run_normals[i] = nodes[index].normal;
+#define LOAD_NORMAL(i) run_normals[i] = node.normal;
 #define STORE_NORMAL(i) sorted_normals[first + i] = run_normals[i];
 #else
 #define LOAD_NORMAL(i)
 #define STORE_NORMAL(i)
 #endif
 #define LOAD_NODE(i) run_distances[i] = BEYOND; \
-    if (index != LIST_END) { run_distances[i] = nodes[index].distance; run_surfaces[i] = nodes[index].surface; \
-        LOAD_NORMAL(i) index = nodes[index].next_index; ++length; }
+    if (index != LIST_END) { \
+        Node node = load_node(index); \
+        run_distances[i] = node.distance; run_surfaces[i] = node.surface; LOAD_NORMAL(i) \
+        index = node.next_index; ++length; }
 #define STORE_NODE(i) sorted_distances[first + i] = run_distances[i]; sorted_surfaces[first + i] = run_surfaces[i]; \
     STORE_NORMAL(i)
 

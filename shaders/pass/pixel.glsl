@@ -3,7 +3,6 @@
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
-layout(std430, binding = BINDING_NODES) buffer Nodes { Node nodes[]; };
 layout(std430, binding = BINDING_COUNTERS) buffer CounterBlock { Counters counters; };
 layout(std430, binding = BINDING_BANDS) readonly buffer Bands { Band bands[]; };
 layout(std430, binding = BINDING_LEVELS) readonly buffer Levels { Level levels[]; };
@@ -11,6 +10,7 @@ layout(std430, binding = BINDING_BOUNDARY) readonly buffer Boundary { float boun
 
 vec3 ray_direction;                       // unit, of the pixel being resolved
 
+#include "pass/nodes.glsl"
 #include "pass/boundary_value.glsl"
 #include "pass/node.glsl"
 #include "pass/walk.glsl"
