@@ -1,11 +1,8 @@
 #version 450 core
 // Resolve pass, chains up to a length, compute entry (faster on most GPUs): one pixel's list to one colour.
 
-#ifndef RUN
-#error "RUN: nodes that are sorted in registers, 16 or 32"
-#endif
 #ifndef RUNS
-#error "RUNS: how many such runs a list may have"
+#error "RUNS: how many runs of 16 nodes a list may have"
 #endif
 #ifndef SEGMENT_RULE
 #error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"

@@ -5,7 +5,6 @@ Source: Lindholm et al., "Towards data centric sampling for volume rendering", A
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
@@ -46,9 +45,10 @@ SEGMENT_RULES = {
     SegmentRule.LINEAR: 2,
     SegmentRule.CUBIC: 3,
 }
-# Lists by length: (nodes sorted in registers, runs of as many that a list may have). Each class takes one program, which
-# resolves the chains among the lists that the one before left; see shaders/pass/chain.glsl.
-CHAIN_CLASSES = ((16, 1), (32, 1), (32, 8))
+# Lists by length, in runs of 16 nodes. Each class takes one program, which resolves the chains among the lists that the one
+# before left; see shaders/pass/chain.glsl.
+RUN = 16
+CHAIN_CLASSES = (1, 2, 6, 16)
 LARGEST_ARRAY = 64  # nodes of a list that is no chain: longer ones are sorted on their links
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
@@ -302,18 +302,18 @@ class ABuffer:
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
         """Sort and integrate the lists of a tile into the target."""
         with self.timer.stage("resolve"):
-            chains = not self._device.has_mask and frame.settings.sort_capacity >= math.prod(CHAIN_CLASSES[0])
+            chains = not self._device.has_mask and frame.settings.sort_capacity >= RUN * CHAIN_CLASSES[0]
             if not chains or self._resolve_chains(tile, frame):
                 self._resolve_rest(tile, frame, first=not chains)
 
     def _resolve_chains(self, tile: Tile, frame: _Frame) -> bool:
         """Resolve the lists that are chains, by classes of length; return whether any list is left."""
         counters = self._pool.counters()
-        for number, (run, runs) in enumerate(CHAIN_CLASSES):
-            if run * runs > frame.settings.sort_capacity:
+        for number, runs in enumerate(CHAIN_CLASSES):
+            if RUN * runs > frame.settings.sort_capacity:
                 return True
             longer = int(counters["longer_lists"])
-            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUN=run, RUNS=runs)
+            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
             counters = self._pool.counters()
             if int(counters["longer_lists"]) == longer:
                 return int(counters["broken_chains"]) > 0

@@ -2,11 +2,12 @@
 // of the value where the ray enters the box to that of the value where it leaves. Almost all are; the others are left to
 // pass/resolve.glsl, which makes the same of a chain, bit for bit, but takes longer: software renderers run every branch of a
 // shader for all pixels.
-// Expects the constants of pass/pixel.glsl; RUN, 16 or 32: nodes that are sorted in registers; and RUNS: how many such runs a
-// list may have. The sorted runs are merged as the walk goes.
+// Expects the constants of pass/pixel.glsl and RUNS: how many runs of RUN nodes a list may have. Every run is sorted in
+// registers; the sorted runs are merged as the walk goes.
 
 #include "pass/pixel.glsl"
 
+const int RUN = 16;
 const float BEYOND = 3e38;                // no distance is larger
 const int CHAIN_WALKED = 0;
 const int CHAIN_TOO_LONG = 1;
