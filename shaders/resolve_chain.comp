@@ -2,7 +2,7 @@
 // Resolve pass, chains up to a length, compute entry (faster on most GPUs): one pixel's list to one colour.
 
 #ifndef RUNS
-#error "RUNS: how many runs of 16 nodes a list may have"
+#error "RUNS: how many runs of 16 nodes a list may have; 0: none, it is empty"
 #endif
 #ifndef SEGMENT_RULE
 #error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"

@@ -48,7 +48,7 @@ SEGMENT_RULES = {
 # Lists by length, in runs of 16 nodes. Each class takes one program, which resolves the chains among the lists that the one
 # before left; see shaders/pass/chain.glsl.
 RUN = 16
-CHAIN_CLASSES = (1, 2, 6, 16)
+CHAIN_CLASSES = (0, 1, 2, 6, 16)
 LARGEST_ARRAY = 64  # nodes of a list that is no chain: longer ones are sorted on their links
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
@@ -302,7 +302,7 @@ class ABuffer:
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
         """Sort and integrate the lists of a tile into the target."""
         with self.timer.stage("resolve"):
-            chains = not self._device.has_mask and frame.settings.sort_capacity >= RUN * CHAIN_CLASSES[0]
+            chains = not self._device.has_mask and frame.settings.sort_capacity >= RUN
             if not chains or self._resolve_chains(tile, frame):
                 self._resolve_rest(tile, frame, first=not chains)
 

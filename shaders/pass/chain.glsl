@@ -13,6 +13,11 @@ const int CHAIN_WALKED = 0;
 const int CHAIN_TOO_LONG = 1;
 const int CHAIN_BROKEN = 2;
 
+#if RUNS == 0
+uint load_list(uint head, inout uint length) { return head; }
+void begin_merge(uint length) {}
+Node take_next() { return Node(LIST_END, 0.0, 0u, 0u); }
+#else
 float run_distances[RUN];                 // indexed by constants only, so that they stay in registers
 uint run_surfaces[RUN];
 float sorted_distances[RUN * RUNS];
@@ -48,11 +53,21 @@ uint load_run(uint index, int first, inout uint length) {
     return index;
 }
 
+// Loads and sorts a list, as much of it as there is room for; returns where it goes on.
+uint load_list(uint head, inout uint length) {
+#if RUNS == 1
+    return load_run(head, 0, length);
+#else
+    for (int first = 0; first < RUN * RUNS && head != LIST_END; first += RUN) head = load_run(head, first, length);
+    return head;
+#endif
+}
+
 // Where the next node is in the arrays.
 #if RUNS == 1
 int taken = 0;
 void begin_merge(uint length) {}
-int take_next() { return taken++; }
+int next_place() { return taken++; }
 #else
 float run_next[RUNS];                     // distance of the next node of every run, BEYOND where there is none
 int run_place[RUNS];                      // and where it is
@@ -64,7 +79,7 @@ void begin_merge(uint length) {
     }
 }
 
-int take_next() {
+int next_place() {
     int nearest = 0;
     int place = run_place[0];
     float distance = run_next[0];
@@ -84,23 +99,25 @@ int take_next() {
 }
 #endif
 
-bool holds(int band, float value) {
-    return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
-}
-
-Node node_at(int place) {
+Node take_next() {
+    int place = next_place();
 #if SHADING
     return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], sorted_normals[place]);
 #else
     return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], 0u);
 #endif
 }
+#endif
+
+bool holds(int band, float value) {
+    return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
+}
 
 // Walks along a ray that enters and leaves the box at the distances `inside`, with the values there; false if the list is no
 // chain. Nodes at one distance make it none, as more than the distance decides their order.
 bool walk_chain(uint length, vec2 inside, vec2 values) {
     begin_merge(length);
-    Node node = node_at(take_next());
+    Node node = take_next();
     walk.band = length > 0u ? band_before(node) : band_of(values.x);
     if (!holds(walk.band, values.x)) return false;
     Band band = current_band();
@@ -126,7 +143,7 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
         composite_level(int(node.surface & LEVEL_MASK), slope, node.normal);
         walk.band += rising ? 1 : -1;
         walk.position = rising ? 0.0 : 1.0;
-        if (i + 1u < length) node = node_at(take_next());
+        if (i + 1u < length) node = take_next();
     }
     if (walk.transmittance >= frame.min_transmittance) return true;
     // Behind an opaque front the rest has to go on, too: else another band might be the one in which the walk begins.
@@ -136,7 +153,7 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
         if (!goes_on) return false;
         before = node.distance;
         last = band_after(node);
-        if (i + 1u < length) node = node_at(take_next());
+        if (i + 1u < length) node = take_next();
     }
     atomicAdd(counters.terminated_rays, 1u);
     return true;
@@ -147,11 +164,7 @@ int resolve_chain(ivec2 pixel, uint head) {
     vec3 origin = begin_pixel(pixel);
     vec2 inside = box_of_ray(origin);
     uint length = 0u;
-#if RUNS == 1
-    head = load_run(head, 0, length);
-#else
-    for (int first = 0; first < RUN * RUNS && head != LIST_END; first += RUN) head = load_run(head, first, length);
-#endif
+    head = load_list(head, length);
     if (head != LIST_END) return CHAIN_TOO_LONG;
     if (is_seen(inside)) {
         vec2 values = vec2(face_value(origin, inside.x).x, face_value(origin, inside.y).x);
