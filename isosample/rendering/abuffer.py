@@ -49,7 +49,7 @@ SEGMENT_RULES = {
 # before left; see shaders/pass/chain.glsl.
 RUN = 16
 CHAIN_CLASSES = (0, 1, 2, 6, 16)
-LARGEST_ARRAY = 64  # nodes of a list that is no chain: longer ones are sorted on their links
+LARGEST_ARRAY = 16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 

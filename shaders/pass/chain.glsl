@@ -10,14 +10,14 @@
 const int RUN = 16;
 const float BEYOND = 3e38;                // no distance is larger
 const int CHAIN_WALKED = 0;
-const int CHAIN_TOO_LONG = 1;
+const int CHAIN_LEFT = 1;                // to the program of the next class
 const int CHAIN_BROKEN = 2;
 
-#if RUNS == 0
-uint load_list(uint head, inout uint length) { return head; }
-void begin_merge(uint length) {}
-Node take_next() { return Node(LIST_END, 0.0, 0u, 0u); }
-#else
+bool holds(int band, float value) {
+    return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
+}
+
+#if RUNS > 0
 float run_distances[RUN];                 // indexed by constants only, so that they stay in registers
 uint run_surfaces[RUN];
 float sorted_distances[RUN * RUNS];
@@ -107,11 +107,6 @@ Node take_next() {
     return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], 0u);
 #endif
 }
-#endif
-
-bool holds(int band, float value) {
-    return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
-}
 
 // Walks along a ray that enters and leaves the box at the distances `inside`, with the values there; false if the list is no
 // chain. Nodes at one distance make it none, as more than the distance decides their order.
@@ -165,7 +160,7 @@ int resolve_chain(ivec2 pixel, uint head) {
     vec2 inside = box_of_ray(origin);
     uint length = 0u;
     head = load_list(head, length);
-    if (head != LIST_END) return CHAIN_TOO_LONG;
+    if (head != LIST_END) return CHAIN_LEFT;
     if (is_seen(inside)) {
         vec2 values = vec2(face_value(origin, inside.x).x, face_value(origin, inside.y).x);
         if (!walk_chain(length, inside, values)) return CHAIN_BROKEN;
@@ -174,11 +169,22 @@ int resolve_chain(ivec2 pixel, uint head) {
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);
     return CHAIN_WALKED;
 }
+#else
+// Resolves a pixel if its list is empty and nothing is visible in its only band.
+int resolve_chain(ivec2 pixel, uint head) {
+    if (head != LIST_END) return CHAIN_LEFT;
+    vec3 origin = begin_pixel(pixel);
+    vec2 inside = box_of_ray(origin);
+    int band = band_of(face_value(origin, inside.x).x);
+    bool empty = bands[band].extinction_max == 0.0 && holds(band, face_value(origin, inside.y).x);
+    return empty || !is_seen(inside) ? CHAIN_WALKED : CHAIN_LEFT;
+}
+#endif
 
 // Notes what became of a pixel's list, for the programs that follow.
 void note_result(ivec2 pixel, uint head, int result) {
     uint number = pixel_number(pixel - frame.tile_origin);
-    if (result == CHAIN_TOO_LONG) atomicAdd(counters.longer_lists, 1u);
+    if (result == CHAIN_LEFT) atomicAdd(counters.longer_lists, 1u);
     else if (result == CHAIN_BROKEN) { heads[number] = head | BROKEN_LIST; atomicAdd(counters.broken_chains, 1u); }
     else heads[number] = LIST_DONE;
 }
