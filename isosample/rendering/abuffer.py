@@ -45,11 +45,14 @@ SEGMENT_RULES = {
     SegmentRule.LINEAR: 2,
     SegmentRule.CUBIC: 3,
 }
-# Lists by length, in runs of 16 nodes. Each class takes one program, which resolves the chains among the lists that the one
-# before left; see shaders/pass/chain.glsl.
+# Classes of lists by length, in runs of 16 nodes; 0: empty. Each takes one program, which resolves the chains among
+# the lists that the one before left; see shaders/pass/chain.glsl. More classes take longer: every program loads in
+# vain what it leaves.
 RUN = 16
-CHAIN_CLASSES = (0, 1, 2, 6, 16)
-LARGEST_ARRAY = 16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
+CHAIN_CLASSES = (0, 6, 16)
+LARGEST_ARRAY = (
+    16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
+)
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -332,9 +335,7 @@ class ABuffer:
             self._run_resolve("resolve", tile, frame, first=False, SORT_CAPACITY=capacity)
             frame.block["longest_walked"] = constants["LINK_SORT_LIMIT"]
 
-    def _run_resolve(
-        self, entry: str, tile: Tile, frame: _Frame, *, first: bool, **constants: int
-    ) -> None:
+    def _run_resolve(self, entry: str, tile: Tile, frame: _Frame, *, first: bool, **constants: int) -> None:
         """Run one program of the resolve pass over a tile: the first one, or one that finds something done."""
         constants |= self._device.constants | {
             "SHADING": frame.shading,
@@ -355,7 +356,8 @@ class ABuffer:
         else:
             broken = int(entry == "resolve.frag")
             program = self._programs.graphics("open_blocks.vert", entry, BROKEN=broken, **constants)
-        target.viewport = (0, 0, *(-(-edge // block) * block for edge in target.size))
+        width, height = (-(-edge // block) * block for edge in target.size)
+        target.viewport = (0, 0, width, height)
         target.scissor = (tile.x, tile.y, tile.width, tile.height)
         vertices = self._ctx.vertex_array(program, [])
         with drawing_into(self._ctx, target):

@@ -97,7 +97,7 @@ class RenderSettings:
     min_transmittance : float
         A ray ends where less than this share of the light behind would come through; 0 never.
     sort_capacity : int
-        Lists up to this length are sorted in a local array, longer ones on their links.
+        Lists up to this length may be sorted in registers or in a local array; longer ones are sorted on their links.
 
     Raises
     ------

@@ -55,20 +55,10 @@ uint load_run(uint index, int first, inout uint length) {
 
 // Loads and sorts a list, as much of it as there is room for; returns where it goes on.
 uint load_list(uint head, inout uint length) {
-#if RUNS == 1
-    return load_run(head, 0, length);
-#else
     for (int first = 0; first < RUN * RUNS && head != LIST_END; first += RUN) head = load_run(head, first, length);
     return head;
-#endif
 }
 
-// Where the next node is in the arrays.
-#if RUNS == 1
-int taken = 0;
-void begin_merge(uint length) {}
-int next_place() { return taken++; }
-#else
 float run_next[RUNS];                     // distance of the next node of every run, BEYOND where there is none
 int run_place[RUNS];                      // and where it is
 
@@ -79,6 +69,7 @@ void begin_merge(uint length) {
     }
 }
 
+// Where the next node is in the arrays.
 int next_place() {
     int nearest = 0;
     int place = run_place[0];
@@ -97,7 +88,6 @@ int next_place() {
     }
     return place;
 }
-#endif
 
 Node take_next() {
     int place = next_place();
