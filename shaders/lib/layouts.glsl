@@ -108,7 +108,6 @@ struct Frame {
     float min_transmittance; // a ray stops below this
     uint longest_walked;     // longer lists are not resolved: merge_lists.comp has not sorted them yet
     int box_faces;           // 1: rays enter and leave through the box; 0: through domain fragments in the lists
-    int smooth_faces;        // 1: the faces hold spline coefficients, one more on every side
     float curved_limit;      // largest way from a triangle to the curved surface [world]
     float reach;             // diagonal of a cell [world]: how far apart crossings of one place may lie in the wrong order
 };
