@@ -12,8 +12,8 @@ layout(local_size_x = 8, local_size_y = 8) in;
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
-layout(std430, binding = BINDING_NODES) buffer Nodes { Node nodes[]; };
 
+#include "pass/nodes.glsl"
 #include "pass/sort_lists.glsl"
 
 uniform uint run;
@@ -22,5 +22,8 @@ void main() {
     ivec2 in_tile = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(in_tile, frame.tile_size))) return;
     int pixel = in_tile.y * frame.tile_size.x + in_tile.x;
-    if (list_length(heads[pixel]) > LINK_SORT_LIMIT) heads[pixel] = merge_runs(heads[pixel], run);
+    uint head = heads[pixel];
+    if (head == LIST_DONE || head == LIST_END) return;
+    head &= ~BROKEN_LIST;
+    if (list_length(head) > LINK_SORT_LIMIT) heads[pixel] = merge_runs(head, run);
 }

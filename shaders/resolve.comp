@@ -1,5 +1,5 @@
 #version 450 core
-// Resolve pass, compute entry (faster on most GPUs): one pixel's list to one colour.
+// Resolve pass, any list, compute entry (faster on most GPUs): one pixel's list to one colour.
 
 #ifndef SORT_CAPACITY
 #error "SORT_CAPACITY: longest list that is sorted in a local array"
@@ -9,6 +9,15 @@
 #endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours with the stored normals, 0 does not"
+#endif
+#ifndef SMOOTH_FACES
+#error "SMOOTH_FACES: 1 where the faces hold spline coefficients, 0 where they hold samples"
+#endif
+#ifndef EXTINCTION
+#error "EXTINCTION: 1 if any band has extinction, else 0"
+#endif
+#ifndef LEVEL_LIGHT
+#error "LEVEL_LIGHT: 1 if any level has an impulse or a sheet, else 0"
 #endif
 
 #include "lib/layouts.glsl"
@@ -27,6 +36,12 @@ layout(rgba32f, binding = BINDING_IMAGE) writeonly uniform image2D image;
 void main() {
     ivec2 in_tile = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(in_tile, frame.tile_size))) return;
+    uint number = pixel_number(in_tile);
+    if (heads[number] == LIST_DONE) return;
+    uint head = unbroken(heads[number]);
+    uint length = length_if_walked(head);
+    if (length > frame.longest_walked) return;
     ivec2 pixel = frame.tile_origin + in_tile;
-    imageStore(image, pixel, resolve_pixel(pixel));
+    imageStore(image, pixel, resolve_pixel(pixel, head, length));
+    heads[number] = LIST_DONE;
 }

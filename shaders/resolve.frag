@@ -1,5 +1,5 @@
 #version 450 core
-// Resolve pass, fragment entry (faster on software renderers): one pixel's list to one colour.
+// Resolve pass, any list, fragment entry (faster on software renderers): one pixel's list to one colour.
 
 #ifndef SORT_CAPACITY
 #error "SORT_CAPACITY: longest list that is sorted in a local array"
@@ -9,6 +9,15 @@
 #endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours with the stored normals, 0 does not"
+#endif
+#ifndef SMOOTH_FACES
+#error "SMOOTH_FACES: 1 where the faces hold spline coefficients, 0 where they hold samples"
+#endif
+#ifndef EXTINCTION
+#error "EXTINCTION: 1 if any band has extinction, else 0"
+#endif
+#ifndef LEVEL_LIGHT
+#error "LEVEL_LIGHT: 1 if any level has an impulse or a sheet, else 0"
 #endif
 
 #include "lib/layouts.glsl"
@@ -27,5 +36,12 @@ void main() {
     // Lanes outside the tile read zeros for lists on llvmpipe and would walk them until its loop limit (see
     // pass/sort_lists.glsl), which their neighbours in the same vector share.
     if (gl_HelperInvocation) return;
-    color = resolve_pixel(ivec2(gl_FragCoord.xy));
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    uint number = pixel_number(pixel - frame.tile_origin);
+    if (heads[number] == LIST_DONE) discard;
+    uint head = unbroken(heads[number]);
+    uint length = length_if_walked(head);
+    if (length > frame.longest_walked) discard;
+    color = resolve_pixel(pixel, head, length);
+    heads[number] = LIST_DONE;
 }

@@ -45,6 +45,14 @@ SEGMENT_RULES = {
     SegmentRule.LINEAR: 2,
     SegmentRule.CUBIC: 3,
 }
+# Classes of lists by length, in runs of 16 nodes; 0: empty. Each takes one program, which resolves the chains among
+# the lists that the one before left; see shaders/pass/chain.glsl. More classes take longer: every program loads in
+# vain what it leaves.
+RUN = 16
+CHAIN_CLASSES = (0, 6, 16)
+LARGEST_ARRAY = (
+    16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
+)
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -295,26 +303,54 @@ class ABuffer:
         return int(self._query.samples)
 
     def _resolve(self, tile: Tile, frame: _Frame) -> None:
-        """Sort and integrate the lists of a tile into the target; very long lists take a second round."""
-        limit = shared_constants()["LINK_SORT_LIMIT"]
+        """Sort and integrate the lists of a tile into the target."""
         with self.timer.stage("resolve"):
-            self._integrate(tile, frame)
-            longest = int(self._pool.counters()["max_depth_complexity"])
-            if longest > limit:
-                self._merge_long_lists(tile, longest)
-                self._pool.clear_resolve_counters()
-                self._integrate(tile, frame)
+            chains = not self._device.has_mask and frame.settings.sort_capacity >= RUN
+            if not chains or self._resolve_chains(tile, frame):
+                self._resolve_rest(tile, frame, first=not chains)
 
-    def _integrate(self, tile: Tile, frame: _Frame) -> None:
-        constants = {
+    def _resolve_chains(self, tile: Tile, frame: _Frame) -> bool:
+        """Resolve the lists that are chains, by classes of length; return whether any list is left."""
+        counters = self._pool.counters()
+        for number, runs in enumerate(CHAIN_CLASSES):
+            if RUN * runs > frame.settings.sort_capacity:
+                return True
+            longer = int(counters["longer_lists"])
+            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
+            counters = self._pool.counters()
+            if int(counters["longer_lists"]) == longer:
+                return int(counters["broken_chains"]) > 0
+        return True
+
+    def _resolve_rest(self, tile: Tile, frame: _Frame, *, first: bool) -> None:
+        """Resolve all lists that are left; very long ones take a second round."""
+        constants = shared_constants()
+        capacity = min(frame.settings.sort_capacity, LARGEST_ARRAY)
+        self._run_resolve("resolve", tile, frame, first=first, SORT_CAPACITY=capacity)
+        longest = int(self._pool.counters()["max_depth_complexity"])
+        if longest > constants["LINK_SORT_LIMIT"]:
+            self._merge_long_lists(tile, longest)
+            frame.block["longest_walked"] = LONGEST_LIST
+            self._bind(tile, frame)
+            self._run_resolve("resolve", tile, frame, first=False, SORT_CAPACITY=capacity)
+            frame.block["longest_walked"] = constants["LINK_SORT_LIMIT"]
+
+    def _run_resolve(self, entry: str, tile: Tile, frame: _Frame, *, first: bool, **constants: int) -> None:
+        """Run one program of the resolve pass over a tile: the first one, or one that finds something done."""
+        constants |= self._device.constants | {
             "SHADING": frame.shading,
             "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
-            "SORT_CAPACITY": frame.settings.sort_capacity,
         }
         if resolve_stage(self._ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
-            self._target.fill(tile, self._programs.graphics("screen.vert", "resolve.frag", **constants))
+            screen = "screen.vert" if first else "open_blocks.vert"
+            broken = {} if first else {"BROKEN": int(entry == "resolve")}
+            program = self._programs.graphics(screen, f"{entry}.frag", **broken, **constants)
+            if first:
+                self._target.fill(tile, program)
+            else:
+                self._target.fill_blocks(tile, program, shared_constants()["RESOLVE_BLOCK"])
         else:
-            self._target.fill(tile, self._programs.compute("resolve.comp", **constants))
+            self._target.fill(tile, self._programs.compute(f"{entry}.comp", **constants))
         self._ctx.memory_barrier()
 
     def _merge_long_lists(self, tile: Tile, longest: int) -> None:

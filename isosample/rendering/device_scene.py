@@ -52,6 +52,12 @@ class DeviceScene:
             "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
         }
         self._mask_arrays: dict[int, moderngl.VertexArray] = {}
+        # Of the resolve pass: what no pixel needs is not compiled.
+        self.constants = {
+            "SMOOTH_FACES": int(scene.face_kernel is not None),
+            "EXTINCTION": int(np.any(scene.band_optics[..., 3] > 0)),
+            "LEVEL_LIGHT": int(np.any(scene.level_optics[..., 3] != 0)),
+        }
 
     def bind(self) -> None:
         """Bind the tables that the resolve pass reads."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.gl.context import limits
-from isosample.rendering.frame import storage_dtype
+from isosample.rendering.frame import shared_constants, storage_dtype
 from isosample.rendering.programs import storage_bindings
 from isosample.tally import POOLS, tally
 
@@ -23,6 +23,11 @@ LIST_END_BYTES = b"\xff\xff\xff\xff"
 ZERO_BYTES = b"\0\0\0\0"
 
 
+def row_bytes() -> int:
+    """Memory of a row of nodes, by which the pool grows."""
+    return shared_constants()["NODE_ROW"] * storage_dtype("Node").itemsize
+
+
 class FragmentPool:
     """Buffers of the lists of one tile.
 
@@ -33,9 +38,9 @@ class FragmentPool:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._block_bytes = limits(ctx).storage_block_bytes
+        self._block_bytes, self._most_rows = limits(ctx).storage_block_bytes, limits(ctx).texture_size
         self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
-        self._nodes: moderngl.Buffer | None = None
+        self._nodes: moderngl.Texture | None = None
         self._heads: moderngl.Buffer | None = None
 
     def release(self) -> None:
@@ -63,7 +68,7 @@ class FragmentPool:
     @property
     def size_bytes(self) -> int:
         """Memory of the nodes."""
-        return 0 if self._nodes is None else self._nodes.size
+        return 0 if self._nodes is None else self._nodes.height * row_bytes()
 
     def grow(self, node_count: int, budget_bytes: int) -> bool:
         """Make room for `node_count` nodes and some more, or for as many as the budget and the driver allow.
@@ -73,15 +78,15 @@ class FragmentPool:
         fits : bool
             Whether that is all of them.
         """
-        node_bytes = storage_dtype("Node").itemsize
-        largest = min(self._block_bytes, budget_bytes) // node_bytes
-        if min(max(node_count, 1), largest) > self.capacity:
-            wanted = min(max(int(ROOM * node_count), 1), largest)
+        row = shared_constants()["NODE_ROW"]
+        largest = min(self._most_rows, budget_bytes // row_bytes())
+        if min(max(node_count, 1), largest * row) > self.capacity:
             if self._nodes is not None:
                 self._nodes.release()
             tally(POOLS)
-            self._nodes = self._ctx.buffer(reserve=wanted * node_bytes)
-        return node_count <= largest
+            rows = min(max(-(-int(ROOM * node_count) // row), 1), largest)
+            self._nodes = self._ctx.texture((row, rows), 4, dtype="u4")
+        return node_count <= largest * row
 
     def fill(self, budget_bytes: int) -> None:
         """Make room for as many nodes as the budget and the driver allow."""
@@ -98,10 +103,11 @@ class FragmentPool:
 
     def bind(self) -> None:
         """Bind what there is to the storage blocks of the shaders."""
-        own = {"Heads": self._heads, "Nodes": self._nodes, "CounterBlock": self._counters}
-        for name, buffer in own.items():
+        for name, buffer in (("Heads", self._heads), ("CounterBlock", self._counters)):
             if buffer is not None:
                 buffer.bind_to_storage_buffer(storage_bindings()[name])
+        if self._nodes is not None:
+            self._nodes.bind_to_image(shared_constants()["BINDING_NODES"], read=True, write=True)
 
     def heads(self, tile: Tile) -> npt.NDArray[np.uint32]:
         """(height · width,) uint32, the heads (or counts) of a tile, rows counted upwards."""
@@ -117,12 +123,6 @@ class FragmentPool:
         """Struct Counters as the passes left it."""
         counters: np.void = np.frombuffer(self._counters.read(), dtype=storage_dtype("Counters"))[0]
         return counters
-
-    def clear_resolve_counters(self) -> None:
-        """Set all counters but the build pass's to zero."""
-        cleared = np.zeros(1, dtype=storage_dtype("Counters"))
-        cleared["node_count"] = self.counters()["node_count"]
-        self._counters.write(cleared.tobytes())
 
     def _fill_heads(self, tile: Tile, pattern: bytes) -> None:
         needed = HEAD_BYTES * tile.pixel_count

@@ -64,9 +64,9 @@ def frame_block(
     diagonal = float(np.linalg.norm(scene.geometry.spacing))
     frame["reach"], frame["curved_limit"] = diagonal, CURVED_LIMIT * diagonal
     if scene.face_kernel is not None:
-        frame["smooth_faces"], frame["face_kernel"] = 1, scene.face_kernel
+        frame["face_kernel"] = scene.face_kernel
     frame["box_faces"] = int(scene.mask is None)
-    frame["sorted_length"] = shared_constants()["LINK_SORT_LIMIT"]
+    frame["longest_walked"] = shared_constants()["LINK_SORT_LIMIT"]
     return block
 
 

@@ -68,6 +68,25 @@ class PictureTarget:
             screen.render(vertices=3)
         screen.release()
 
+    def fill_blocks(self, tile: Tile, program: moderngl.Program, block: int) -> None:
+        """Run a program of points, one for every block of a tile: `block` squared pixels, or none where all is done."""
+        assert self._framebuffer is not None
+        width, height = (-(-edge // block) * block for edge in self._framebuffer.size)
+        whole = self._framebuffer.viewport
+        self._framebuffer.viewport = (
+            0,
+            0,
+            width,
+            height,
+        )  # else the points of the last row and column are cut
+        self._framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
+        points = self._ctx.vertex_array(program, [])
+        with drawing_into(self._ctx, self._framebuffer):
+            self._ctx.enable(self._ctx.PROGRAM_POINT_SIZE)
+            points.render(self._ctx.POINTS, vertices=tile.blocks(block))
+        points.release()
+        self._framebuffer.viewport = whole
+
     def read(self) -> F32:
         """(H, W, 4) float32, row 0 on top."""
         assert self._framebuffer is not None

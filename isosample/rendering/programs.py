@@ -75,7 +75,7 @@ class Programs:
 
 def storage_bindings() -> dict[str, int]:
     """Binding of every storage block by its name in the shaders."""
-    names = {"Heads": "HEADS", "Nodes": "NODES", "CounterBlock": "COUNTERS", "Bands": "BANDS"}
+    names = {"Heads": "HEADS", "CounterBlock": "COUNTERS", "Bands": "BANDS"}
     names |= {"Levels": "LEVELS", "Boundary": "BOUNDARY"}
     names |= {"RayCounterBlock": "RAY_COUNTERS", "RayStates": "RAY_STATES"}
     return {block: shared_constants()[f"BINDING_{name}"] for block, name in names.items()}
@@ -85,7 +85,7 @@ def _check(program: Program, constants: dict[str, int]) -> None:
     blocks = {name: Block(binding) for name, binding in storage_bindings().items()}
     for name, (binding, struct) in UNIFORM_BLOCKS.items():
         blocks[name] = Block(shared_constants()[f"BINDING_{binding}"], uniform_dtype(struct).itemsize)
-    uniforms = MESH_UNIFORMS | TEXTURES | {"run": "uint", "image": "image2D"}
+    uniforms = MESH_UNIFORMS | TEXTURES | {"run": "uint", "image": "image2D", "nodes": "uimage2D"}
     if constants.get("FILTERING") == 0:
         uniforms["volume"] = "sampler2DArray"
     check_interface(

@@ -97,7 +97,7 @@ class RenderSettings:
     min_transmittance : float
         A ray ends where less than this share of the light behind would come through; 0 never.
     sort_capacity : int
-        Lists up to this length are sorted in a local array, longer ones on their links.
+        Lists up to this length may be sorted in registers or in a local array; longer ones are sorted on their links.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class RenderSettings:
     fragment_budget_bytes: int = DEFAULT_FRAGMENT_BUDGET_BYTES
     mesh_budget_bytes: int = DEFAULT_MESH_BUDGET_BYTES
     min_transmittance: float = DEFAULT_MIN_TRANSMITTANCE
-    sort_capacity: int = 64
+    sort_capacity: int = 256
 
     def __post_init__(self) -> None:
         if len(self.background) != 4 or not all(0.0 <= part <= 1.0 for part in self.background):

@@ -30,6 +30,12 @@ class Tile:
         """Number of pixels."""
         return self.width * self.height
 
+    def blocks(self, edge: int) -> int:
+        """Number of blocks of `edge` pixels a side, counted from the picture's corner, that hold a part of the tile."""
+        columns = (self.x + self.width - 1) // edge - self.x // edge + 1
+        rows = (self.y + self.height - 1) // edge - self.y // edge + 1
+        return columns * rows
+
 
 def strips(width: int, height: int, max_pixels: int) -> list[Tile]:
     """Cut a picture into strips of whole rows with at most `max_pixels` pixels each.

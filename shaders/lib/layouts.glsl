@@ -7,7 +7,6 @@
 
 const int BINDING_FRAME = 0;             // uniform block
 const int BINDING_HEADS = 0;             // storage: one list head per pixel of the tile
-const int BINDING_NODES = 1;             // storage: the fragment pool
 const int BINDING_COUNTERS = 2;          // storage: struct Counters
 const int BINDING_BANDS = 3;             // storage: struct Band, one more than there are levels
 const int BINDING_LEVELS = 4;            // storage: struct Level, one per level
@@ -16,6 +15,7 @@ const int BINDING_RAYCAST = 1;           // uniform block of the ray caster: str
 const int BINDING_RAY_COUNTERS = 6;      // storage: struct RayCounters
 const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pixel of the tile
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
+const int BINDING_NODES = 1;             // image unit: the fragment pool, one texel per struct Node
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an empty macrocell (0: not empty), green the step multiplier
 const int UNIT_TRANSFER = 2;             // texture unit: the transfer function, see the texels below
@@ -37,6 +37,10 @@ const uint NO_PEAK = 0xFFFFu;            // behind the last peak of an entry of 
 const float MASKED_VALUE = 1e20;         // a sample above this is not finite in the data: nothing is seen there
 
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
+const uint LIST_DONE = 0xFFFFFFFEu;      // in place of a list whose pixel is resolved
+const uint BROKEN_LIST = 0x80000000u;    // on the head of a list that is no chain, see pass/chain.glsl
+const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
+const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
@@ -65,6 +69,8 @@ struct Counters {
     uint unfinished_rays;                // walks that the driver ended before their list did: 0, or there is no picture
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
+    uint longer_lists;                   // lists left to a later program of the resolve pass because of their length,
+    uint broken_chains;                  // and because they are no chains
 };
 
 // The TF inside one band; linear in the value between the two ends (one-sided limits).
@@ -109,9 +115,8 @@ struct Frame {
     int samples_z;
     int level_count;
     float min_transmittance; // a ray stops below this
-    uint sorted_length;      // lists longer than this are sorted already
+    uint longest_walked;     // longer lists are not resolved: merge_lists.comp has not sorted them yet
     int box_faces;           // 1: rays enter and leave through the box; 0: through domain fragments in the lists
-    int smooth_faces;        // 1: the faces hold spline coefficients, one more on every side
     float curved_limit;      // largest way from a triangle to the curved surface [world]
     float reach;             // diagonal of a cell [world]: how far apart crossings of one place may lie in the wrong order
 };

@@ -23,7 +23,7 @@ vec4 face_taps(int corner) {
 vec2 face_value(vec3 origin, float distance) {
     vec3 unit = clamp(unit_from_local(origin + distance * ray_direction, 1.0), 0.0, 1.0);
     ivec3 samples = ivec3(frame.samples_xy, frame.samples_z);
-    ivec3 stored = samples + 2 * frame.smooth_faces;
+    ivec3 stored = samples + 2 * SMOOTH_FACES;
     int face = nearest_face(unit);
     int axis = face / 2;
     ivec3 face_sizes = ivec3(stored.y * stored.z, stored.x * stored.z, stored.x * stored.y);
@@ -35,15 +35,16 @@ vec2 face_value(vec3 origin, float distance) {
     vec2 part = position - vec2(cell);
     int row = stored[axis_u];
     int corner = offset + cell.y * row + cell.x;
-    if (frame.smooth_faces != 0) {
+#if SMOOTH_FACES
         vec4 taps[4] = vec4[](face_taps(corner), face_taps(corner + row), face_taps(corner + 2 * row),
                               face_taps(corner + 3 * row));
         vec4 weights_u = tap_weights(frame.face_kernel, part.x);
         vec4 weights_v = tap_weights(frame.face_kernel, part.y);
         return vec2(spline_face_value(taps, weights_u, weights_v), spline_face_tolerance(taps));
-    }
+#else
     vec4 corners = vec4(boundary[corner], boundary[corner + 1], boundary[corner + row], boundary[corner + row + 1]);
     return vec2(bilinear(corners, part.x, part.y), face_tolerance(corners));
+#endif
 }
 
 // Band that holds a normalised value: as many levels lie at or below it.

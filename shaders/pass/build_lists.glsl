@@ -2,8 +2,9 @@
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
-layout(std430, binding = BINDING_NODES) writeonly buffer Nodes { Node nodes[]; };
 layout(std430, binding = BINDING_COUNTERS) buffer CounterBlock { Counters counters; };
+
+#include "pass/nodes.glsl"
 
 // Unnormalised direction of this pixel's ray: its dot product with `forward` is 1.
 vec3 pixel_ray() {
@@ -18,5 +19,5 @@ void append_node(float distance, uint surface, uint normal) {
     if (index >= frame.node_capacity) return;
     ivec2 pixel = ivec2(gl_FragCoord.xy) - frame.tile_origin;
     uint next = atomicExchange(heads[pixel.y * frame.tile_size.x + pixel.x], index);
-    nodes[index] = Node(next, distance, surface, normal);
+    store_node(index, Node(next, distance, surface, normal));
 }

@@ -8,9 +8,11 @@ float sorted_distances[SORT_CAPACITY];
 // travel); then slope and normal, so that equal keys mean interchangeable nodes and the picture does not depend on the
 // order of the triangles.
 bool tie_precedes(uint first, uint second) {
-    uint a = nodes[first].surface;
-    uint b = nodes[second].surface;
-    if (a == b) return nodes[first].normal < nodes[second].normal;
+    Node one = load_node(first);
+    Node other = load_node(second);
+    uint a = one.surface;
+    uint b = other.surface;
+    if (a == b) return one.normal < other.normal;
     bool rising_a = (a & RISING_BIT) != 0u;
     bool rising_b = (b & RISING_BIT) != 0u;
     if (rising_a != rising_b) return rising_b;
@@ -21,23 +23,23 @@ bool tie_precedes(uint first, uint second) {
 }
 
 bool node_precedes(uint first, uint second) {
-    float a = nodes[first].distance;
-    float b = nodes[second].distance;
+    float a = load_node(first).distance;
+    float b = load_node(second).distance;
     return a < b || (a == b && tie_precedes(first, second));
 }
 
 // Length of a list.
 uint list_length(uint head) {
     uint length = 0u;
-    for (uint index = head; index != LIST_END; index = nodes[index].next_index) ++length;
+    for (uint index = head; index != LIST_END; index = next_node(index)) ++length;
     return length;
 }
 
 // Sorts a list of at most SORT_CAPACITY nodes into sorted_indices.
 void sort_into_array(uint head) {
     int length = 0;
-    for (uint index = head; index != LIST_END; index = nodes[index].next_index) {
-        float distance = nodes[index].distance;
+    for (uint index = head; index != LIST_END; index = next_node(index)) {
+        float distance = load_node(index).distance;
         int place = length++;
         while (place > 0) {
             float before = sorted_distances[place - 1];
@@ -61,22 +63,22 @@ uint merge_runs(uint head, uint run) {
     while (rest != LIST_END) {
         uint left = rest;
         uint left_count = 0u;
-        while (rest != LIST_END && left_count < run) { rest = nodes[rest].next_index; ++left_count; }
+        while (rest != LIST_END && left_count < run) { rest = next_node(rest); ++left_count; }
         uint right = rest;
         uint right_count = 0u;
         while (left_count > 0u || (right_count < run && right != LIST_END)) {
             bool right_ended = right_count == run || right == LIST_END;
             bool take_left = right_ended || (left_count > 0u && !node_precedes(right, left));
             uint taken = take_left ? left : right;
-            if (take_left) { left = nodes[left].next_index; --left_count; }
-            else { right = nodes[right].next_index; ++right_count; }
+            if (take_left) { left = next_node(left); --left_count; }
+            else { right = next_node(right); ++right_count; }
             if (tail == LIST_END) head = taken;
-            else nodes[tail].next_index = taken;
+            else link_node(tail, taken);
             tail = taken;
         }
         rest = right;
     }
-    if (tail != LIST_END) nodes[tail].next_index = LIST_END;
+    if (tail != LIST_END) link_node(tail, LIST_END);
     return head;
 }
 

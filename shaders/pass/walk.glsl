@@ -102,6 +102,7 @@ void composite_cubic(Band band, float span, float position, float slope, vec2 pa
 // Composites the segment up to `distance`, where the value is at `position` of the current band with the slope df/dt (or
 // UNKNOWN_SLOPE), and moves there.
 void advance(float distance, float position, float slope, uint normal) {
+#if EXTINCTION
     Band band = current_band();
     float start = max(walk.distance, walk.visible_start);
     float end = min(distance, walk.visible_end);
@@ -116,6 +117,7 @@ void advance(float distance, float position, float slope, uint normal) {
         composite_constant(band, end - start, normal_between(walk.normal, normal, part.x));
 #endif
     }
+#endif
     walk.distance = distance;
     walk.position = position;
     walk.slope = slope;
@@ -125,6 +127,7 @@ void advance(float distance, float position, float slope, uint normal) {
 // Composites what there is on the isovalue itself: first the thin peak, opacity 1 - exp(-area / |df/dt|), then the impulse.
 // `slope` is |df/dt| [normalised / world].
 void composite_level(int level, float slope, uint normal) {
+#if LEVEL_LIGHT
     Level here = levels[level];
     if (here.impulse.a == 0.0 && here.sheet.a == 0.0) return;
     if (walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
@@ -132,4 +135,5 @@ void composite_level(int level, float slope, uint normal) {
     float sheet = opacity_from_depth(here.sheet.a / max(slope, LEAST_SLOPE / frame.box_radius));
     composite(sheet * lit(here.sheet.rgb, light), sheet);
     composite(here.impulse.a * lit(here.impulse.rgb, light), here.impulse.a);
+#endif
 }

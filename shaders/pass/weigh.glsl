@@ -9,12 +9,12 @@ void begin_in(int band) {
 }
 
 // Where the next node of a sorted list is: `index` of node `i` - 1 and the number `i`.
-uint next_in_list(uint index, uint i, bool in_array) { return in_array ? sorted_indices[i] : nodes[index].next_index; }
+uint next_in_list(uint index, uint i, bool in_array) { return in_array ? sorted_indices[i] : next_node(index); }
 
 // A node of the list between the borders of the box (if they are borders): a crossing that was moved onto its curved
 // surface, or rounded, may lie a little outside, and is then met at the border.
 Node node_between(uint index, Node first, Node last) {
-    Node node = nodes[index];
+    Node node = load_node(index);
     if (is_domain(last) && !is_domain(node)) node.distance = clamp(node.distance, first.distance, last.distance);
     return node;
 }

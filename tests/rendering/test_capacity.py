@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from isosample.rendering import abuffer as abuffer_module
 from isosample.rendering.abuffer import LONGEST_LIST, ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.fragment_pool import ROOM
+from isosample.rendering.frame import shared_constants
 from isosample.rendering.scene import LevelRange, Scene
 from isosample.rendering.settings import RenderSettings, ResolveStage
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
@@ -189,7 +191,8 @@ def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl
         _, first = abuffer.render(camera, (32, 32), RenderSettings())
         _, larger = abuffer.render(camera, (64, 64), RenderSettings())
         _, again = abuffer.render(camera, (32, 32), RenderSettings())
-    assert first.pool_bytes == int(ROOM * first.fragments) * NODE_BYTES
+    row = shared_constants()["NODE_ROW"] * NODE_BYTES
+    assert first.pool_bytes == math.ceil(int(ROOM * first.fragments) * NODE_BYTES / row) * row
     assert larger.pool_bytes == again.pool_bytes >= larger.fragments * NODE_BYTES
     assert again.fragments == first.fragments
 
