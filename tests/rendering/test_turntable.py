@@ -90,7 +90,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     return found
 
 
-def draw(kind: str) -> tuple[Callable[[Camera], Image], Callable[[], None], Box]:
+def draw(
+    kind: str, size: tuple[int, int] = SIZE
+) -> tuple[Callable[[Camera], Image], Callable[[], None], Box]:
     volume = sample_field(nucleon_like(), (17,) * 3, lower=(0.0,) * 3, upper=(40.0,) * 3, name="nucleon")
     tf = ramp_tf(0.2, 0.8, (0.0, 0.2))
     renderer: Renderer | RayCaster
@@ -99,7 +101,7 @@ def draw(kind: str) -> tuple[Callable[[Camera], Image], Callable[[], None], Box]
         renderer = Renderer(surfaces, plan)
     else:
         renderer = RayCaster(volume, tf)
-    return lambda camera: renderer.render(camera=camera, size=SIZE), renderer.release, volume.box
+    return lambda camera: renderer.render(camera=camera, size=size), renderer.release, volume.box
 
 
 @pytest.mark.parametrize("kind", ["surfaces", "rays"])
@@ -123,7 +125,7 @@ def test_only_the_first_frame_makes_anything(gl: moderngl.Context, kind: str, ma
 
 def test_a_pool_that_grows_for_a_later_frame_is_told(gl: moderngl.Context) -> None:
     log = FrameLog()
-    render, release, place = draw("surfaces")
+    render, release, place = draw("surfaces", (160, 128))  # more fragments than a row of the pool holds
     for zoom in (0.25, 1.0, 1.02):
         with log.frame():
             render(Camera.orbit(place, zoom=zoom))
