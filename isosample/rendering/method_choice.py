@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isosample.defaults import DEFAULT_SIZE
+from isosample.defaults import DATA_CENTRIC, DEFAULT_SIZE
 from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-DATA_CENTRIC = "data-centric"
 PRE_INTEGRATED = Classification.PRE_INTEGRATED.value
 PEAK_FINDING = Classification.PEAK_FINDING.value
 CHOICES = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)

@@ -31,7 +31,7 @@ def test_a_lazy_volume_leaves_the_folder_that_a_volume_in_memory_leaves(run: Run
     samples = blob()
     zarr.create_array(folder / "blob.zarr", shape=samples.shape, chunks=(3, 4, 5), dtype="f4")[...] = samples
     assert run("precompute blob.npy --tf tf.json --cache memory").status == 0
-    outcome = run("precompute blob.zarr --tf tf.json --cache lazy")
+    outcome = run("precompute blob.zarr --tf tf.json --cache lazy --memory 16GiB")
     assert outcome.status == 0, outcome.err
     fields = outcome.fields()
     assert fields["levels"] == "13 (0 reused)"
@@ -46,7 +46,7 @@ def test_a_lazy_volume_leaves_the_folder_that_a_volume_in_memory_leaves(run: Run
 
 
 def test_a_second_run_looks_at_nothing_again(run: Run, folder: Path) -> None:
-    words = "precompute blob.npy --tf tf.json --memory 2GiB --cache meshes"
+    words = "precompute blob.npy --tf tf.json --memory 16GiB --cache meshes"
     assert run(words).status == 0
     before = content(folder / "meshes")
     (scan,) = [name for name in before if name.startswith("scan-")]
@@ -63,7 +63,7 @@ def test_a_second_run_looks_at_nothing_again(run: Run, folder: Path) -> None:
 def test_the_default_folder_is_found_without_looking_through_the_volume(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    words = "precompute blob.npy --tf tf.json --memory 1.5GiB"
+    words = "precompute blob.npy --tf tf.json --memory 16GiB"
     first = run(words).fields()["cache"]
     assert first == run("precompute blob.npy --tf tf.json").fields()["cache"]
 
@@ -75,7 +75,7 @@ def test_the_default_folder_is_found_without_looking_through_the_volume(
 
 
 def test_pieces_are_reused_when_a_point_moves(run: Run, folder: Path) -> None:
-    words = "precompute blob.npy --memory 2GiB --cache meshes"
+    words = "precompute blob.npy --memory 16GiB --cache meshes"
     assert run(f"{words} --tf tf.json").status == 0
     points = [dict(point) for point in TF["points"]]
     points[2]["value"] = 89
@@ -88,7 +88,7 @@ def test_meshes_that_stay_in_their_folder_give_the_bits_of_those_in_memory(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     view = "--size 24x16 --azimuth 30 --elevation -20"
-    assert run("precompute blob.npy --tf tf.json --memory 2GiB --cache meshes").status == 0
+    assert run("precompute blob.npy --tf tf.json --memory 16GiB --cache meshes").status == 0
     assert run(f"render meshes -o memory.npy {view}").status == 0
     monkeypatch.setattr("isosample.cli.sources.LARGEST_IN_MEMORY", 0)
     monkeypatch.setattr("isosample.surfaces.cache.load_cache", None)  # would load them all
@@ -112,8 +112,8 @@ def test_a_size_that_is_none_is_refused(run: Run, size: str) -> None:
     ("options", "named"),
     [
         ("--memory 10MiB", "too small"),
-        ("--memory 2GiB --tolerance 0.01", "--memory"),
-        ("--memory 2GiB --reconstruction cubic", "--memory"),
+        ("--memory 16GiB --tolerance 0.01", "--memory"),
+        ("--memory 16GiB --reconstruction cubic", "--memory"),
     ],
 )
 def test_what_a_budget_cannot_do_is_told(run: Run, options: str, named: str) -> None:

@@ -147,7 +147,7 @@ COMMAND_LINES = {
 }
 OUTPUTS = {
     "picture of unknown kind": Wrong(
-        "render absent.npy -o out.gif", ("out.gif ends in .gif", ".png or .npy")
+        "render absent.npy -o out.jpg", ("out.jpg ends in .jpg", ".png or .npy")
     ),
     "picture without a suffix": Wrong("render absent.npy -o out", ("out has no suffix", ".png or .npy")),
     "picture that is a folder": Wrong(
