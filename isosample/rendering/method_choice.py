@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isosample.defaults import DATA_CENTRIC, DEFAULT_SIZE
+from isosample.defaults import DATA_CENTRIC as DATA_CENTRIC
+from isosample.defaults import DEFAULT_SIZE
 from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
