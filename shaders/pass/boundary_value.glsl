@@ -2,16 +2,6 @@
 // there, or the bicubic of a smooth reconstruction.
 // Expects `frame`, `bands`, `boundary` and `ray_direction` of the resolve pass.
 
-vec3 unit_from_local(vec3 local, float w) {
-    return vec3(dot(frame.unit_row_x.xyz, local) + w * frame.unit_row_x.w,
-                dot(frame.unit_row_y.xyz, local) + w * frame.unit_row_y.w,
-                dot(frame.unit_row_z.xyz, local) + w * frame.unit_row_z.w);
-}
-
-vec2 box_of_ray(vec3 origin) {
-    return box_interval(unit_from_local(origin, 1.0), unit_from_local(ray_direction, 0.0));
-}
-
 // Four coefficients of a smooth face in a row; the rows are two longer than those of samples.
 vec4 face_taps(int corner) {
     return vec4(boundary[corner], boundary[corner + 1], boundary[corner + 2], boundary[corner + 3]);

@@ -147,7 +147,7 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
 // Resolves a pixel with the list that begins at `head`.
 int resolve_chain(ivec2 pixel, uint head) {
     vec3 origin = begin_pixel(pixel);
-    vec2 inside = box_of_ray(origin);
+    vec2 inside = box_of_ray(origin, ray_direction);
     uint length = 0u;
     head = load_list(head, length);
     if (head != LIST_END) return CHAIN_LEFT;
@@ -164,7 +164,7 @@ int resolve_chain(ivec2 pixel, uint head) {
 int resolve_chain(ivec2 pixel, uint head) {
     if (head != LIST_END) return CHAIN_LEFT;
     vec3 origin = begin_pixel(pixel);
-    vec2 inside = box_of_ray(origin);
+    vec2 inside = box_of_ray(origin, ray_direction);
     int band = band_of(face_value(origin, inside.x).x);
     bool empty = bands[band].extinction_max == 0.0 && holds(band, face_value(origin, inside.y).x);
     return empty || !is_seen(inside) ? CHAIN_WALKED : CHAIN_LEFT;

@@ -10,6 +10,7 @@ layout(std430, binding = BINDING_BOUNDARY) readonly buffer Boundary { float boun
 
 vec3 ray_direction;                       // unit, of the pixel being resolved
 
+#include "pass/pixel_ray.glsl"
 #include "pass/nodes.glsl"
 #include "pass/boundary_value.glsl"
 #include "pass/node.glsl"
@@ -23,27 +24,15 @@ bool is_open(uint head) { return head == LIST_END || head < BROKEN_LIST; }
 // Head of a list without the note that it is no chain.
 uint unbroken(uint head) { return head == LIST_END ? head : head & ~BROKEN_LIST; }
 
-// Cuts the visible part of the ray to what is in front of the eye and of every clip plane.
-void cut_ray(vec3 origin) {
-    walk.visible_start = 0.0;
-    walk.visible_end = 1e30;
-    for (int i = 0; i < frame.clip_plane_count; ++i) {
-        float at_origin = dot(frame.clip_planes[i].xyz, origin) + frame.clip_planes[i].w;
-        float along = dot(frame.clip_planes[i].xyz, ray_direction);
-        if (along == 0.0) { if (at_origin < 0.0) walk.visible_end = -1e30; }
-        else if (along > 0.0) walk.visible_start = max(walk.visible_start, -at_origin / along);
-        else walk.visible_end = min(walk.visible_end, -at_origin / along);
-    }
-}
-
 // Begins the walk of a pixel; returns its ray's origin.
 vec3 begin_pixel(ivec2 pixel) {
-    vec2 plane = image_plane_position(pixel, frame.image_size);
-    vec3 offset = plane.x * frame.span_right + plane.y * frame.span_up;
+    vec3 offset = pixel_offset(pixel);
     ray_direction = normalize(frame.forward + frame.perspective * offset);
     vec3 origin = frame.eye + (1.0 - frame.perspective) * offset;
     walk = fresh_walk();
-    cut_ray(origin);
+    vec2 shown = cut_by_planes(vec2(0.0, 1e30), origin, ray_direction);
+    walk.visible_start = shown.x;
+    walk.visible_end = shown.y;
     return origin;
 }
 

@@ -38,6 +38,7 @@ struct Stretch {
 
 Ray ray;
 
+#include "pass/pixel_ray.glsl"
 #include "pass/field.glsl"
 
 vec3 ray_at(float distance) {
@@ -75,31 +76,15 @@ void composite(vec3 emission, float opacity) {
 #include "pass/classify.glsl"
 #include "pass/march.glsl"
 
-// Cuts the ray to what is inside the box, in front of the eye and on the kept side of every clip plane.
-void cut_ray(vec3 origin) {
-    vec3 unit_origin = vec3(dot(frame.unit_row_x.xyz, origin) + frame.unit_row_x.w, dot(frame.unit_row_y.xyz, origin) + frame.unit_row_y.w,
-                            dot(frame.unit_row_z.xyz, origin) + frame.unit_row_z.w);
-    vec3 unit_direction = vec3(dot(frame.unit_row_x.xyz, ray.direction), dot(frame.unit_row_y.xyz, ray.direction),
-                               dot(frame.unit_row_z.xyz, ray.direction));
-    vec2 inside = box_interval(unit_origin, unit_direction);
-    ray.start = max(inside.x, 0.0);
-    ray.end = inside.y;
-    for (int i = 0; i < frame.clip_plane_count; ++i) {
-        float at_origin = dot(frame.clip_planes[i].xyz, origin) + frame.clip_planes[i].w;
-        float along = dot(frame.clip_planes[i].xyz, ray.direction);
-        if (along == 0.0) { if (at_origin < 0.0) ray.end = -FAR; }
-        else if (along > 0.0) ray.start = max(ray.start, -at_origin / along);
-        else ray.end = min(ray.end, -at_origin / along);
-    }
-}
-
 void begin_ray(ivec2 pixel) {
-    vec2 plane = image_plane_position(pixel, frame.image_size);
-    vec3 offset = plane.x * frame.span_right + plane.y * frame.span_up;
+    vec3 offset = pixel_offset(pixel);
     vec3 direction = frame.forward + frame.perspective * offset;
     vec3 origin = frame.eye + (1.0 - frame.perspective) * offset;
     ray.direction = normalize(direction);
-    cut_ray(origin);
+    vec2 inside = box_of_ray(origin, ray.direction);
+    vec2 shown = cut_by_planes(vec2(max(inside.x, 0.0), inside.y), origin, ray.direction);
+    ray.start = shown.x;
+    ray.end = shown.y;
     vec3 entry = origin + ray.start * ray.direction;
     ray.index_start = vec3(dot(raycast.index_row_x.xyz, entry) + raycast.index_row_x.w,
                            dot(raycast.index_row_y.xyz, entry) + raycast.index_row_y.w,

@@ -18,7 +18,7 @@ uint length_if_walked(uint head) {
 // Resolves a pixel with the list that begins at `head`.
 vec4 resolve_pixel(ivec2 pixel, uint head, uint length) {
     vec3 origin = begin_pixel(pixel);
-    vec2 inside = box_of_ray(origin);
+    vec2 inside = box_of_ray(origin, ray_direction);
     if (is_seen(inside) || frame.box_faces == 0) {
         bool in_array = length <= uint(SORT_CAPACITY);
         if (in_array) sort_into_array(head);
