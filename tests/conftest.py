@@ -13,6 +13,7 @@ import pytest
 
 from isosample.errors import OpenGLError
 from isosample.gl.context import is_software, release_shared_context, shared_context
+from isosample.surfaces import memory
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,12 +28,23 @@ REAL_VOLUMES = Path(
     os.environ.get(VOLUMES_VARIABLE) or Path(__file__).resolve().parents[2] / "shared" / "volumes"
 ).absolute()
 
+PROGRAM_BYTES = 300 << 20  # of a program that has loaded its libraries and kernels
+
 
 @pytest.fixture(autouse=True)
 def _numpy_errors_raise() -> Iterator[None]:
     """Turn silent divisions by zero, overflows and invalid operations into test failures."""
     with np.errstate(divide="raise", over="raise", invalid="raise"):
         yield
+
+
+@pytest.fixture(autouse=True)
+def _budgets_of_one_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a memory budget count what a program of its own holds, not what the tests before left in this process.
+
+    Whole programs, whose real memory is watched, run as processes of their own (`test_precompute_memory`).
+    """
+    monkeypatch.setattr(memory, "resident_bytes", lambda: PROGRAM_BYTES)
 
 
 @pytest.fixture(scope="session")
