@@ -11,5 +11,6 @@ MESH_SUFFIXES = (".ply", ".glb", ".stl", ".obj", ".vtp")
 VOLUME_SUFFIXES = (".nrrd", ".nii.gz", ".nii", ".mha", ".npy")  # that can be written
 DEFAULT_MAX_ISOVALUES = 512  # of a search for a tolerance
 DEFAULT_MAX_TRIANGLES = 20_000_000  # a refinement that could have more is not tried
+DEFAULT_SCREEN_ERROR = 0.25  # of coarser meshes [pixel]
 SMALLEST_ERROR = 1e-5  # that may be asked for: slopes are half floats and pictures float32
 SHOWN_QUANTILE = 0.999  # errors are told as what all pixels but a thousandth keep to

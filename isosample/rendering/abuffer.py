@@ -15,6 +15,7 @@ from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.timer import StageTimer
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.culling import Culling
+from isosample.rendering.detail_choice import DetailChoice
 from isosample.rendering.device_scene import DeviceScene, residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.fragment_pool import FragmentPool
@@ -100,6 +101,7 @@ class ABuffer:
         with self.timer.stage("upload"):
             self._device = DeviceScene(ctx, scene)
         self._culling = Culling(self._device.meshes.chunks)
+        self._details = DetailChoice(self._device.meshes.chunks, max(scene.geometry.spacing))
         self._pool = FragmentPool(ctx)
         self._was_split = False
         self._frame_buffer = ctx.buffer(reserve=uniform_dtype("Frame").itemsize)
@@ -401,17 +403,23 @@ class ABuffer:
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False
     ) -> _Frame:
         block = frame_block(self._scene, camera, size, settings)
-        curved = self._scene.smooth if settings.curved is None else settings.curved
+        chosen = self._details.chosen(block[0], settings.screen_error)
+        coarse = int((chosen & (self._device.meshes.chunks["detail"] > 0)).sum())
+        curved = (self._scene.smooth or coarse > 0) if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
         # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
         # masked, whose border is drawn in any case.
         found = self._culling.picture(
-            block[0], self._sides(camera, size[0] / size[1]), clip=not (residuals or self._device.has_mask)
+            block[0],
+            self._sides(camera, size[0] / size[1]),
+            clip=not (residuals or self._device.has_mask),
+            chosen=chosen,
         )
         frame.passes = found.passes
         statistics = frame.statistics
         statistics.chunks, statistics.chunks_outside_view = found.pieces, found.outside_view
         statistics.chunks_clipped, statistics.triangles_drawn = found.clipped, found.triangles
+        statistics.chunks_coarse = coarse
         self._upload(frame)
         return frame
 

@@ -25,11 +25,13 @@ Records = npt.NDArray[np.void]
 U32 = npt.NDArray[np.uint32]
 
 VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
-# One (level, brick): its triangles in the index buffer, its vertices in the vertex buffer, and the box around them
-# relative to the volume's centre [world].
+# One (level, brick) at one detail: its triangles in the index buffer, its vertices in the vertex buffer, and the box around
+# them relative to the volume's centre [world].
 CHUNK_DTYPE = np.dtype(
     [
         ("level", "<u4"),
+        ("detail", "<u4"),
+        ("brick", "<i4", 3),
         ("first_index", "<i8"),
         ("index_count", "<i8"),
         ("first_vertex", "<i8"),
@@ -53,7 +55,7 @@ class LevelRange:
     level : int
     first_index, index_count : int
     chunks : (C,) `CHUNK_DTYPE` or None
-        The level's pieces, one per brick, one after the other in the index buffer; what reaches beyond the range
+        The level's pieces, one per detail and brick, one after the other in the index buffer; what reaches beyond the range
         is cut off. None: the level is one piece, and nothing is known of where it lies.
     """
 
@@ -134,17 +136,22 @@ class StoredSource:
     """
 
     def __init__(self, surfaces: StoredSurfaces, scale: ValueScale) -> None:
-        self._surfaces = surfaces
+        self._surfaces = (surfaces, *surfaces.details)
         self._scale = scale
 
     def load(self, chunks: Records) -> Iterator[Piece]:
         """Yield pieces in the order asked for; (C,) `CHUNK_DTYPE`. Raises `CacheError` if one is damaged."""
-        for mesh in self._surfaces.load(chunks["piece"].tolist()):
-            yield Piece(
-                vertex_records(mesh, self._surfaces.geometry, self._scale),
-                mesh.triangles.ravel().astype(np.uint32),
-                mesh.residuals * np.float32(self._scale.inverse_width),
-            )
+        ends = np.flatnonzero(np.diff(chunks["detail"], append=-1)) + 1  # of runs of pieces of one detail
+        for part in np.split(chunks, ends[:-1]):
+            if len(part) == 0:
+                continue
+            surfaces = self._surfaces[int(part["detail"][0])]
+            for mesh in surfaces.load(part["piece"].tolist()):
+                yield Piece(
+                    vertex_records(mesh, surfaces.geometry, self._scale),
+                    mesh.triangles.ravel().astype(np.uint32),
+                    mesh.residuals * np.float32(self._scale.inverse_width),
+                )
 
 
 class SceneArrays(NamedTuple):
@@ -157,7 +164,7 @@ class SceneArrays(NamedTuple):
 
 
 def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) -> SceneArrays:
-    """Arrays of all pieces of some levels.
+    """Arrays of all pieces of some levels, at all details.
 
     Parameters
     ----------
@@ -171,14 +178,17 @@ def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) 
     CapacityError
         If there are more vertices than 32-bit indices can name.
     """
-    by_isovalue: dict[float, list[BrickMesh]] = {}
-    for mesh in (mesh for mesh in surfaces.meshes if len(mesh.triangles)):
-        by_isovalue.setdefault(mesh.isovalue, []).append(mesh)
+    by_isovalue: dict[float, list[tuple[int, BrickMesh]]] = {}
+    for detail, part in enumerate((surfaces, *surfaces.details)):
+        for mesh in (mesh for mesh in part.meshes if len(mesh.triangles)):
+            by_isovalue.setdefault(mesh.isovalue, []).append((detail, mesh))
     chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
-    meshes = [mesh for of_level in chosen for mesh in of_level]
-    level = np.repeat(np.arange(len(chosen)), [len(of_level) for of_level in chosen])
+    meshes = [mesh for of_level in chosen for _, mesh in of_level]
     chunks = np.zeros(len(meshes), dtype=CHUNK_DTYPE)
-    chunks["level"], chunks["piece"] = level, -1
+    chunks["level"] = np.repeat(np.arange(len(chosen)), [len(of_level) for of_level in chosen])
+    chunks["detail"] = [detail for of_level in chosen for detail, _ in of_level]
+    chunks["brick"] = np.array([mesh.brick for mesh in meshes], dtype=np.int32).reshape(-1, 3)
+    chunks["piece"] = -1
     _place(chunks, [len(mesh.positions) for mesh in meshes], [mesh.triangles.size for mesh in meshes])
     vertex_count, index_count = (int(chunks[name].sum()) for name in ("vertex_count", "index_count"))
     if vertex_count >= 2**32 or index_count >= 2**31:
@@ -204,19 +214,29 @@ def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) 
 
 def streamed(surfaces: StoredSurfaces, rows: npt.NDArray[np.intp]) -> SceneArrays:
     """Levels of stored surfaces, without arrays; parameters as `merged`."""
+    parts = [_stored_pieces(part, rows, detail) for detail, part in enumerate((surfaces, *surfaces.details))]
+    chunks = np.concatenate(parts)
+    chunks = chunks[np.argsort(chunks["level"], kind="stable")]  # by level, then by detail and brick
+    _place(chunks, chunks["vertex_count"].copy(), chunks["index_count"].copy())
+    none = np.zeros((0, 2), dtype=np.float32)
+    return SceneArrays(np.empty(0, dtype=VERTEX_DTYPE), np.empty(0, dtype=np.uint32), none, _ranges(chunks))
+
+
+def _stored_pieces(surfaces: StoredSurfaces, rows: npt.NDArray[np.intp], detail: int) -> Records:
+    """(C,) `CHUNK_DTYPE`, pieces of some levels of stored surfaces of one detail, with no place in the buffers yet."""
     table = surfaces.chunk_table
     level_of_table = np.full(len(surfaces.isovalues), -1, dtype=np.int64)
     level_of_table[rows] = np.arange(len(rows))
     level = level_of_table[table.level]
     pieces = np.flatnonzero(level >= 0)
     chunks = np.zeros(len(pieces), dtype=CHUNK_DTYPE)
-    chunks["level"], chunks["piece"] = level[pieces], pieces
-    _place(chunks, table["vertices"][pieces], 3 * table["triangles"][pieces])
+    chunks["level"], chunks["piece"], chunks["detail"] = level[pieces], pieces, detail
+    chunks["brick"] = table["brick"][pieces]
+    chunks["vertex_count"], chunks["index_count"] = table["vertices"][pieces], 3 * table["triangles"][pieces]
     chunks["low"], chunks["high"] = _local_boxes(
         table["low"][pieces].astype(np.float64), table["high"][pieces].astype(np.float64), surfaces.geometry
     )
-    none = np.zeros((0, 2), dtype=np.float32)
-    return SceneArrays(np.empty(0, dtype=VERTEX_DTYPE), np.empty(0, dtype=np.uint32), none, _ranges(chunks))
+    return chunks
 
 
 def vertex_records(mesh: BrickMesh, geometry: GridGeometry, scale: ValueScale) -> Records:

@@ -89,7 +89,9 @@ class Culling:
         self._bounds = Bounds(chunks["low"].astype(np.float64), chunks["high"].astype(np.float64))
         self._triangles = chunks["index_count"] // 3
 
-    def picture(self, frame: np.void, sides: tuple[float, ...], *, clip: bool) -> CulledPicture:
+    def picture(
+        self, frame: np.void, sides: tuple[float, ...], *, clip: bool, chosen: Bool | None = None
+    ) -> CulledPicture:
         """Find the pieces that a picture needs.
 
         Parameters
@@ -99,24 +101,27 @@ class Culling:
             See `Pass`.
         clip : bool
             Whether clip planes may rule out pieces.
+        chosen : (C,) bool, optional
+            Pieces of the details that the picture takes, see `DetailChoice`; None: all are.
         """
         slack = slack_of(frame)
+        taken = np.ones(len(self._triangles), dtype=bool) if chosen is None else chosen
         width, height = frame["image_size"].tolist()
         view = tile_planes(frame, Tile(0, 0, width, height))
         outline = outline_planes(frame) if clip else None
-        passes, beside = [], np.ones(len(self._triangles), dtype=bool)
+        passes, beside = [], taken.copy()
         for side in sides:
             outside = ruled_out(self._bounds, view, side, slack)
             beside &= outside
             if outline is not None:
                 outside = outside | ruled_out(self._bounds, outline, side, slack)
-            passes.append(Pass(side, ~outside))
+            passes.append(Pass(side, taken & ~outside))
         shown = np.any([one.shown for one in passes], axis=0)
         return CulledPicture(
             passes=tuple(passes),
-            pieces=len(shown),
+            pieces=int(taken.sum()),
             outside_view=int(beside.sum()),
-            clipped=int((~shown & ~beside).sum()),
+            clipped=int((taken & ~shown & ~beside).sum()),
             triangles=int(self._triangles[shown].sum()),
         )
 

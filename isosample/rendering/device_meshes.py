@@ -215,6 +215,7 @@ class Batch:
         self._ctx = ctx
         self.rows, self.bytes, self.residual = rows, size, residual
         self._levels, self._counts = chunks["level"][rows], chunks["index_count"][rows]
+        self._gap = 0 if chunks["detail"].any() else GAP  # what lies between may be another detail of what is drawn
         self._starts = starts
         self._vertices, self._indices, *rest = buffers
         self._residuals = rest[0] if rest else None
@@ -231,7 +232,7 @@ class Batch:
             Which pieces of the scene are to be drawn; of those here, neighbours may be drawn along.
         """
         kept = shown[self.rows]
-        levels, first, count = runs(self._levels[kept], self._starts[kept], self._counts[kept])
+        levels, first, count = runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
         if len(first) == 0:
             return
         vertex_array = self._vertex_array(program)
@@ -305,7 +306,9 @@ def bytes_of(chunks: npt.NDArray[np.void], residual: int | None = None) -> I64:
     return sizes
 
 
-def runs(levels: npt.NDArray[np.generic], starts: I64, counts: I64) -> tuple[I64, I64, I64]:
+def runs(
+    levels: npt.NDArray[np.generic], starts: I64, counts: I64, largest_gap: int = GAP
+) -> tuple[I64, I64, I64]:
     """Levels, first indices and counts of draws: pieces of one level that (nearly) follow each other are one."""
     if len(starts) == 0:
         none = np.zeros(0, dtype=np.int64)
@@ -313,7 +316,7 @@ def runs(levels: npt.NDArray[np.generic], starts: I64, counts: I64) -> tuple[I64
     stops = starts + counts
     level = levels.astype(np.int64)
     gap = starts[1:] - stops[:-1]
-    begins = np.concatenate([[True], (level[1:] != level[:-1]) | (gap < 0) | (gap > GAP)])
+    begins = np.concatenate([[True], (level[1:] != level[:-1]) | (gap < 0) | (gap > largest_gap)])
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(starts)) - 1
     return level[first], starts[first], stops[last] - starts[first]

@@ -110,8 +110,9 @@ class Scene:
 
     @property
     def triangle_count(self) -> int:
-        """Triangles over all levels."""
-        return sum(part.index_count for part in self.levels) // 3
+        """Triangles over all levels, at the finest detail."""
+        chunks = self.chunks()
+        return int(chunks["index_count"][chunks["detail"] == 0].sum()) // 3
 
     def chunks(self) -> npt.NDArray[np.void]:
         """(C,) `CHUNK_DTYPE`, the pieces of all levels."""

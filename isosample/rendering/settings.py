@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.defaults import DEFAULT_SCREEN_ERROR
 from isosample.errors import InputError
 from isosample.integral.segment_rule import SegmentRule as SegmentRule
 
@@ -80,7 +81,10 @@ class RenderSettings:
     segment : SegmentRule
     curved : bool or None
         Whether every crossing is moved from its triangle onto the curved surface through the vertices; None:
-        if the surfaces are those of a smooth reconstruction.
+        if the surfaces are those of a smooth reconstruction, or some are shown at a coarser detail.
+    screen_error : float
+        How far coarser meshes may be from the finest [pixel], where the scene has details: each piece is shown at
+        the coarsest detail that is not farther away. 0: the finest.
     material : Material or None
         None: colours as they are; else lit.
     background : 4 floats
@@ -107,6 +111,7 @@ class RenderSettings:
 
     segment: SegmentRule = SegmentRule.CUBIC
     curved: bool | None = None
+    screen_error: float = DEFAULT_SCREEN_ERROR
     material: Material | None = None
     background: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     clip_planes: tuple[ClipPlane, ...] = ()
@@ -122,6 +127,10 @@ class RenderSettings:
         if len(self.clip_planes) > MAX_CLIP_PLANES:
             raise InputError(
                 f"{len(self.clip_planes)} clip planes are given; at most {MAX_CLIP_PLANES} are possible."
+            )
+        if not (math.isfinite(self.screen_error) and self.screen_error >= 0.0):
+            raise InputError(
+                f"screen_error {self.screen_error!r} must be a number of pixels >= 0, for instance 0.25."
             )
         if not 0.0 <= self.min_transmittance < 1.0:
             raise InputError(f"min_transmittance {self.min_transmittance} must be at least 0 and below 1.")

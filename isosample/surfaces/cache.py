@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,6 +132,26 @@ def write_cache(
     store = MeshStore(folder)
     claim_folder(folder, surfaces.geometry, content_hash, name)
     boundary = write_boundary(folder, content_hash, surfaces)
+    details = [
+        {"settings": part.settings.to_dict(), "surfaces": _written(folder, store, part, content_hash)}
+        for part in surfaces.details
+    ]
+    scene = {
+        "content_hash": content_hash,
+        "settings": surfaces.settings.to_dict(),
+        "boundary_sha256": boundary,
+        "transfer_function": transfer_function.to_dict(),
+        "plan": plan.to_dict(),
+        "surfaces": _written(folder, store, surfaces, content_hash),
+        "details": details,
+    }
+    write_json(folder / "scene.json", "scene", scene)
+
+
+def _written(
+    folder: Path, store: MeshStore, surfaces: SurfaceSet | StoredSurfaces, content_hash: str
+) -> list[dict[str, str]]:
+    """Write what the folder lacks of some surfaces; return what a scene says of each."""
     files = []
     for level, isovalue in enumerate(surfaces.isovalues.tolist()):
         key = listed_key(folder, content_hash, isovalue, surfaces.settings)
@@ -141,15 +161,7 @@ def write_cache(
             key = surface_key(content_hash, isovalue, surfaces.settings, by_place=by_place)
             digest = write_rows(folder, key, _kept_rows(store, surfaces, level, content_hash))
         files.append({"key": key, "isovalue": isovalue.hex(), "sha256": digest})
-    scene = {
-        "content_hash": content_hash,
-        "settings": surfaces.settings.to_dict(),
-        "boundary_sha256": boundary,
-        "transfer_function": transfer_function.to_dict(),
-        "plan": plan.to_dict(),
-        "surfaces": files,
-    }
-    write_json(folder / "scene.json", "scene", scene)
+    return files
 
 
 def load_cache(folder: str | Path) -> CachedScene:
@@ -176,12 +188,16 @@ def open_cache(folder: str | Path) -> OpenedScene:
     scene = read_json(folder / "scene.json", "scene")
     if scene["content_hash"] != volume["content_hash"]:
         raise CacheError(f"{folder / 'scene.json'} is of another volume than volume.json. {REMEDY}")
-    isovalues = [float.fromhex(entry["isovalue"]) for entry in scene["surfaces"]]
-    digests = {entry["key"]: entry["sha256"] for entry in scene["surfaces"]}
-    digests["boundary"] = scene["boundary_sha256"]
-    settings = ExtractionSettings.from_dict(scene["settings"])
+    levels = check_isovalues([float.fromhex(entry["isovalue"]) for entry in scene["surfaces"]])
+
+    def opened(part: dict[str, Any]) -> StoredSurfaces:
+        digests = {entry["key"]: entry["sha256"] for entry in part["surfaces"]}
+        digests["boundary"] = scene["boundary_sha256"]
+        return _open_surfaces(folder, volume, levels, ExtractionSettings.from_dict(part["settings"]), digests)
+
+    details = tuple(opened(part) for part in scene.get("details", []))
     return OpenedScene(
-        surfaces=_open_surfaces(folder, volume, check_isovalues(isovalues), settings, digests),
+        surfaces=replace(opened(scene), details=details),
         transfer_function=TransferFunction.from_dict(scene["transfer_function"]),
         plan=IsovaluePlan.from_dict(scene["plan"]),
         name=volume["name"],
@@ -197,6 +213,7 @@ def load_surface_set(
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     refine: int = 1,
     residuals: bool = False,
+    detail: int = 0,
 ) -> SurfaceSet:
     """Return surfaces of a cache folder, which were extracted with the same settings, all in memory.
 
@@ -213,6 +230,7 @@ def load_surface_set(
         reconstruction=reconstruction,
         refine=refine,
         residuals=residuals,
+        detail=detail,
     )
     return _in_memory(open_surface_set(folder, isovalues, settings))
 
@@ -235,6 +253,7 @@ def extract_with_cache(
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     refine: int = 1,
     residuals: bool = False,
+    detail: int = 0,
     budget_bytes: int | None = None,
     plain: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -243,7 +262,7 @@ def extract_with_cache(
 
     Parameters
     ----------
-    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, progress
+    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, detail, progress
         As for `extract_surfaces`.
     folder : path
         The volume's cache folder, made if absent. One that cannot be written is read, with a warning where
@@ -275,6 +294,7 @@ def extract_with_cache(
         reconstruction=reconstruction,
         refine=refine,
         residuals=residuals,
+        detail=detail,
     )
     levels = check_isovalues(isovalues)
     scan = scan_volume(volume, brick_cells)
@@ -470,4 +490,5 @@ def _in_memory(stored: StoredSurfaces) -> SurfaceSet:
         value_range=stored.value_range,
         settings=stored.settings,
         statistics=stored.statistics,
+        details=tuple(_in_memory(part) for part in stored.details),
     )

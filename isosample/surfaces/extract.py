@@ -11,6 +11,7 @@ import numpy as np
 
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
+from isosample.surfaces.detail import coarsened
 from isosample.surfaces.marching_cubes import march_levels
 from isosample.surfaces.mesh import BrickMesh, Mesh, no_residuals
 from isosample.surfaces.mesh_error import measure
@@ -44,6 +45,7 @@ def extract_surfaces(
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     refine: int = 1,
     residuals: bool = False,
+    detail: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume at the given values.
@@ -69,6 +71,9 @@ def extract_surfaces(
     residuals : bool
         True: measure how far the triangles are from the isosurface (`BrickMesh.residuals`,
         `SurfaceSet.mesh_errors`), which takes about twice as long as the extraction itself.
+    detail : int
+        0, or 1 to 4 for coarser meshes, within 1/16 to 1/2 voxel of the isosurfaces; see `isosample.surfaces.detail`.
+        Pieces that would hardly get coarser are left out.
     progress : callable, optional
         Called with (bricks done, bricks to do) after every brick.
 
@@ -88,6 +93,7 @@ def extract_surfaces(
         reconstruction=reconstruction,
         refine=refine,
         residuals=residuals,
+        detail=detail,
     )
     levels = check_isovalues(isovalues)
     tally(EXTRACTIONS)
@@ -170,11 +176,12 @@ def extract_brick(
     """
     mirrored = volume.geometry.left_handed
     found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
-    return [
+    meshes = (
         _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
         for isovalue, local in found
         if len(local.triangles)
-    ]
+    )
+    return [mesh for mesh in meshes if mesh is not None]
 
 
 def _brick_mesh(
@@ -184,13 +191,22 @@ def _brick_mesh(
     brick: Brick,
     mirrored: bool,
     settings: ExtractionSettings,
-) -> BrickMesh:
-    """Return one isosurface in one brick, vertices named in the whole volume, wound for world space."""
+) -> BrickMesh | None:
+    """Return one isosurface in one brick, vertices named in the whole volume, wound for world space.
+
+    None where there is no such detail.
+    """
     positions, gradients, keys, triangles = local.positions, local.gradients, local.keys, local.triangles
-    if samples.smooth or settings.rounds:
+    if samples.smooth or settings.rounds or settings.detail:
         named = NamedMesh(positions.astype(np.float64), gradients.astype(np.float64), keys, triangles)
-        inner = np.flatnonzero(keys >= 3 * samples.sample_count)
-        named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
+        if samples.smooth or settings.rounds:
+            inner = np.flatnonzero(keys >= 3 * samples.sample_count)
+            named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
+        if settings.detail:
+            coarser = coarsened(named, samples, isovalue, settings.detail)
+            if coarser is None:
+                return None
+            named = coarser
         positions, gradients = named.positions.astype(np.float32), named.gradients.astype(np.float32)
         keys, triangles = named.keys, named.triangles
     residuals, error = no_residuals(len(positions)), None

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 # What one brick takes while it is extracted, at most: a checkerboard has 3 vertices and 4 triangles per cell, a vertex
 # takes 64 bytes in the kernel's and the mesh's arrays together, a triangle 12; measured: 172 bytes per cell and level.
 MESH_BYTES_PER_CELL = 3 * 64 + 4 * 12
+# A coarser detail needs for a vertex 73 bytes more (positions and gradients in float64, its list of corners), for a triangle 24.
+DETAIL_BYTES_PER_CELL = 3 * 73 + 4 * 24
 SAMPLE_BYTES = 80  # per sample of a brick: padded, differentiated, and the kernel's own arrays
 
 
@@ -271,7 +273,8 @@ def _parts(job: Job, brick: Brick, settings: ExtractionSettings, budget: int) ->
     for count in brick.size_xyz:
         cells *= count - 1
         samples *= count + 2 * HALO
-    per_level = cells * MESH_BYTES_PER_CELL * settings.refine**2
+    per_cell = MESH_BYTES_PER_CELL + (DETAIL_BYTES_PER_CELL if settings.detail else 0)
+    per_level = cells * per_cell * settings.refine**2
     fixed = samples * SAMPLE_BYTES
     at_once = max(1, (budget - fixed) // per_level)
     for first in range(0, len(job.keys), at_once):

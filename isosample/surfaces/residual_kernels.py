@@ -42,9 +42,11 @@ def between(place: float, low: float, high: float) -> float:
 
 @compiled
 def distance_of(height: float, gx: float, gy: float, gz: float) -> float:
-    """First-order distance from the isosurface [voxel], at most a cell's diagonal."""
+    """First-order distance from the isosurface [voxel], at most a cell's diagonal; that too where there is no field."""
     steepness = math.sqrt(gx * gx + gy * gy + gz * gz)
-    return height / steepness if height < LARGEST_DISTANCE * steepness else LARGEST_DISTANCE * (height > 0.0)
+    if height < LARGEST_DISTANCE * steepness:
+        return height / steepness
+    return 0.0 if height == 0.0 else LARGEST_DISTANCE
 
 
 @compiled
@@ -74,15 +76,42 @@ def correction(
 
 
 @compiled
-def place_in(cell: Three, positions: F64, corners: I32, shares: Three) -> Three:
-    """Point of a triangle with barycentric coordinates `shares`, in fractions of its cell."""
+def common_cell(positions: F64, corners: I32) -> tuple[bool, Three]:
+    """Whether the corners of a triangle lie in one cell, and which; of larger triangles, that of their lowest corner."""
+    a, b, c = corners[0], corners[1], corners[2]
+    x, y, z = (
+        math.floor(min(positions[a, 0], min(positions[b, 0], positions[c, 0]))),
+        math.floor(min(positions[a, 1], min(positions[b, 1], positions[c, 1]))),
+        math.floor(min(positions[a, 2], min(positions[b, 2], positions[c, 2]))),
+    )
+    one = (
+        max(positions[a, 0], max(positions[b, 0], positions[c, 0])) <= x + 1.0
+        and max(positions[a, 1], max(positions[b, 1], positions[c, 1])) <= y + 1.0
+        and max(positions[a, 2], max(positions[b, 2], positions[c, 2])) <= z + 1.0
+    )
+    return one, (x, y, z)
+
+
+@compiled
+def place_in(positions: F64, corners: I32, shares: Three, one: bool, cell: Three) -> tuple[Three, Three]:
+    """The cell of the point of a triangle with barycentric coordinates `shares`, and the fractions there.
+
+    `one` and `cell` are what `common_cell` found. Rounding takes no point beyond the corners.
+    """
     x, y, z = 0.0, 0.0, 0.0
     for corner in range(3):
         n, share = corners[corner], shares[corner]
         x += share * (positions[n, 0] - cell[0])
         y += share * (positions[n, 1] - cell[1])
         z += share * (positions[n, 2] - cell[2])
-    return between(x, 0.0, 1.0), between(y, 0.0, 1.0), between(z, 0.0, 1.0)
+    if one:
+        return cell, (between(x, 0.0, 1.0), between(y, 0.0, 1.0), between(z, 0.0, 1.0))
+    a, b, c = corners[0], corners[1], corners[2]
+    x = between(x, 0.0, max(positions[a, 0], max(positions[b, 0], positions[c, 0])) - cell[0])
+    y = between(y, 0.0, max(positions[a, 1], max(positions[b, 1], positions[c, 1])) - cell[1])
+    z = between(z, 0.0, max(positions[a, 2], max(positions[b, 2], positions[c, 2])) - cell[2])
+    i, j, k = math.floor(x), math.floor(y), math.floor(z)
+    return (cell[0] + i, cell[1] + j, cell[2] + k), (x - i, y - j, z - k)
 
 
 @compiled
@@ -133,6 +162,32 @@ def area_of(positions: F64, corners: I32) -> float:
 
 
 @compiled
+def largest_distance(
+    coefficients: F64,
+    kernel: F64,
+    smooth: bool,
+    origin: F64,
+    isovalue: float,
+    positions: F64,
+    triangles: I32,
+    limit: float,
+) -> float:
+    """Largest first-order distance from the isosurface of seven points of each triangle [voxel], or one above `limit`."""
+    largest = 0.0
+    for t in range(len(triangles)):
+        corners = triangles[t]
+        one, lowest = common_cell(positions, corners)
+        for la, lb, lc, _ in POINTS:
+            cell, place = place_in(positions, corners, (la, lb, lc), one, lowest)
+            there = (cell[0] + origin[0], cell[1] + origin[1], cell[2] + origin[2])
+            value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, there, place)
+            largest = max(largest, distance_of(abs(value - isovalue), gx, gy, gz))
+            if largest > limit:
+                return largest
+    return largest
+
+
+@compiled
 def triangle_residuals(
     coefficients: F64,
     kernel: F64,
@@ -151,19 +206,14 @@ def triangle_residuals(
     """
     for t in range(len(triangles)):
         corners = triangles[t]
-        a, b, c = corners[0], corners[1], corners[2]
         area = area_of(positions, corners)
         sums[0] += area
         flat, curved = 0.0, 0.0
-        cell = (
-            math.floor(min(positions[a, 0], min(positions[b, 0], positions[c, 0]))),
-            math.floor(min(positions[a, 1], min(positions[b, 1], positions[c, 1]))),
-            math.floor(min(positions[a, 2], min(positions[b, 2], positions[c, 2]))),
-        )
-        there = (cell[0] + origin[0], cell[1] + origin[1], cell[2] + origin[2])
+        one, lowest = common_cell(positions, corners)
         for la, lb, lc, weight in POINTS:
             shares = (la, lb, lc)
-            place = place_in(cell, positions, corners, shares)
+            cell, place = place_in(positions, corners, shares, one, lowest)
+            there = (cell[0] + origin[0], cell[1] + origin[1], cell[2] + origin[2])
             value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, there, place)
             height = abs(value - isovalue)
             flat = max(flat, height)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.errors import InputError
+from isosample.surfaces.detail import MOST_DETAILS
 from isosample.surfaces.positions import LARGEST_BRICK_CELLS
 from isosample.volume.bricks import BRICK_CELLS
 from isosample.volume.reconstruction import Reconstruction, check_smooth
@@ -40,6 +41,8 @@ class ExtractionSettings:
     refine : int
         Into how many pieces an edge of the marching-cubes mesh may be divided where the surface bends: 1, 2,
         4 or 8.
+    detail : int
+        0: meshes as extracted; 1 to 4: coarser ones, see `surfaces.detail`.
     residuals : bool
         Whether the meshes carry their distance from the isosurface (`BrickMesh.residuals`, `error`).
 
@@ -54,6 +57,7 @@ class ExtractionSettings:
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int = 1
     residuals: bool = False
+    detail: int = 0
 
     def __post_init__(self) -> None:
         if not 1 <= self.brick_cells <= LARGEST_BRICK_CELLS:
@@ -70,6 +74,9 @@ class ExtractionSettings:
                 f"refine {self.refine!r} is not possible; an edge can be divided into 1, 2, 4 or 8."
             )
 
+        if isinstance(self.detail, bool) or self.detail not in range(MOST_DETAILS + 1):
+            raise InputError(f"detail {self.detail!r} is not possible; choose 0 (finest) to {MOST_DETAILS}.")
+
     @property
     def rounds(self) -> int:
         """How often triangles are divided: log2 of `refine`."""
@@ -81,7 +88,10 @@ class ExtractionSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, ready for JSON."""
-        return {**asdict(self), "reconstruction": self.reconstruction.value}
+        entries = {**asdict(self), "reconstruction": self.reconstruction.value}
+        if not self.detail:
+            del entries["detail"]  # as folders had it before there were details: their meshes are still right
+        return entries
 
     @classmethod
     def from_dict(cls, entries: Mapping[str, Any]) -> ExtractionSettings:
@@ -94,7 +104,7 @@ class ExtractionSettings:
         """
         expected = cls().to_dict().keys()
         names = [member.value for member in Reconstruction]
-        if set(entries) != expected or entries["reconstruction"] not in names:
+        if set(entries) - {"detail"} != expected or entries["reconstruction"] not in names:
             raise InputError(
                 f"extraction settings have the entries {sorted(expected)} and a reconstruction of {names}, "
                 f"got {dict(entries)}."

@@ -53,6 +53,8 @@ class StoredSurfaces:
     store : ChunkStore
     chunk_table : ChunkTable
         One row per piece, in the order of `SurfaceSet.meshes`.
+    details : tuple of StoredSurfaces
+        As those of a `SurfaceSet`.
     """
 
     geometry: GridGeometry
@@ -63,6 +65,7 @@ class StoredSurfaces:
     statistics: ExtractionStatistics
     store: ChunkStore
     chunk_table: ChunkTable
+    details: tuple[StoredSurfaces, ...] = ()
 
     def chunks(
         self, levels: Sequence[int] | None = None, bricks: Sequence[tuple[int, int, int]] | None = None

@@ -67,6 +67,8 @@ class SurfaceSet:
         Smallest and largest finite sample, in data units; of a smooth reconstruction `GridSpline.value_range`.
     settings : ExtractionSettings
     statistics : ExtractionStatistics
+    details : tuple of SurfaceSet
+        The same isosurfaces at detail 1, 2, …, with the pieces that get coarser; see `isosample.surfaces.detail`.
     """
 
     geometry: GridGeometry
@@ -76,6 +78,7 @@ class SurfaceSet:
     value_range: tuple[float, float]
     settings: ExtractionSettings
     statistics: ExtractionStatistics
+    details: tuple[SurfaceSet, ...] = ()
 
     def pieces(self, level: int) -> tuple[BrickMesh, ...]:
         """Return the meshes of one level, in the order of the bricks.
