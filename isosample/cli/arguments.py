@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from isosample.cli import values
-from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
+from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SCREEN_ERROR, DEFAULT_SIZE
 
 UNSET = 0  # of an option whose None says something
 SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
@@ -109,6 +109,18 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_details_option(parser: argparse.ArgumentParser) -> None:
+    """Add how many coarser meshes are made besides."""
+    parser.add_argument(
+        "--details",
+        type=values.details,
+        metavar="N",
+        help="make N coarser meshes too (1 to 4: within 1/16, 1/8, 1/4, 1/2 voxel of the isosurfaces), of which a picture "
+        "takes the coarsest that --screen-error allows: pays for films and for meshes that are rendered often "
+        "(default 0)",
+    )
+
+
 def add_reconstruction_option(parser: argparse.ArgumentParser) -> None:
     """Add what the field is between the samples."""
     parser.add_argument(
@@ -174,7 +186,14 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         "--curved",
         action=argparse.BooleanOptionalAction,
         help="move every crossing from its triangle onto the curved surface through the corners (default: with the "
-        "smooth reconstructions)",
+        "smooth reconstructions, and where coarser meshes are shown)",
+    )
+    group.add_argument(
+        "--screen-error",
+        type=values.screen_error,
+        metavar="PX",
+        help="how far coarser meshes may be from the finest in the picture [pixel], where there are --details; 0: show "
+        f"the finest (default {DEFAULT_SCREEN_ERROR:g}, with a tolerance as much of it as that allows)",
     )
     group.add_argument(
         "--segment-opacity",

@@ -26,6 +26,8 @@ SURFACE_OPTIONS = {  # with their defaults
     "max_isovalues": None,
     "refine": arguments.UNSET,
     "plan": False,
+    "details": None,
+    "screen_error": None,
     "segment": "cubic",
     "segment_opacity": None,
     "curved": None,

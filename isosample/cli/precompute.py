@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --tolerance 1/255 --cache head_meshes
+isosample precompute head.nrrd --tf bone.json --details 4 --cache head_meshes
 isosample precompute huge.zarr --tf bone.json --memory 2GiB --cache huge_meshes
 isosample render head_meshes -o head.png"""
 
@@ -41,6 +42,7 @@ def add_parser(commands: Commands) -> None:
     )
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
+    arguments.add_details_option(parser)
     parser.add_argument(
         "--cache",
         type=Path,

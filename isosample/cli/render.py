@@ -23,7 +23,12 @@ from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
 from isosample.cli.summary import check_strict, scene_fields, summarise
 from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run_turntable
-from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
+from isosample.defaults import (
+    DEFAULT_FRAME_RATE,
+    DEFAULT_SCREEN_ERROR,
+    FILM_SUFFIXES,
+    IMAGE_SUFFIXES,
+)
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,7 +45,8 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-MESH_OPTIONS = ("cache", "reconstruction", "tolerance", "max_isovalues")  # of a volume, not of a cache folder
+VIEWS = 4  # of a film, that are looked at for a tolerance
+MESH_OPTIONS = ("cache", "reconstruction", "tolerance", "max_isovalues", "details")  # of a volume, not of a cache folder
 EXAMPLE = """\
 isosample render head.nrrd -o head.png
 isosample render head.nrrd --tf bone.json --up z --azimuth 30 --shading --background 1,1,1 -o head.png
@@ -52,7 +58,8 @@ isosample render head.nrrd --method pre-integrated --sampling differential --sta
 isosample render head.nrrd --method peak-finding --peak-weight integral --crossings exact -o head.png
 isosample render head.nrrd --method reference --size 200x200 -o head.npy
 isosample render head.nrrd --tf bone.json --method auto -o head.png
-isosample render head.nrrd --elevation 20 --turntable 72 --background 1,1,1 -o head.mp4"""
+isosample render head.nrrd --elevation 20 --turntable 72 --background 1,1,1 -o head.mp4
+isosample render head_meshes --screen-error 1/2 --turntable 360 -o head.mp4"""
 
 
 def add_parser(commands: Commands) -> None:
@@ -118,6 +125,7 @@ def add_parser(commands: Commands) -> None:
     parser.set_defaults(choice=None)
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
+    arguments.add_details_option(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
     parser.add_argument(
         "--cache",
@@ -164,11 +172,8 @@ def run(args: argparse.Namespace) -> int:
         return _film(args, scene, settings, camera, log)
     errors = None
     with progress_bars() as progress, renderer(scene) as picture:
-        place = {
-            "camera": camera or orbit(args, scene.surfaces.geometry.box),
-            "size": args.size,
-            "settings": settings,
-        }
+        place = {"camera": camera or orbit(args, scene.surfaces.geometry.box), "size": args.size}
+        place["settings"] = _within_tolerance(args, scene, picture, [place["camera"]], settings)
         image = picture.render(**place, progress=progress)
         if args.strict:
             check_strict(image.stats)
@@ -194,6 +199,7 @@ def _film(
     """Turn about the scene, with its meshes uploaded once."""
     cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
     with renderer(scene) as picture:
+        settings = _within_tolerance(args, scene, picture, cameras[:: max(1, len(cameras) // VIEWS)], settings)
         return run_turntable(
             args,
             cameras,
@@ -204,6 +210,24 @@ def _film(
             more=scene_statistics(scene, args),
             fields=scene_fields(scene),
         )
+
+
+def _within_tolerance(
+    args: argparse.Namespace,
+    scene: PreparedScene,
+    picture: Renderer,
+    cameras: list[Camera],
+    settings: RenderSettings,
+) -> RenderSettings:
+    """Let meshes be as coarse as the scene's tolerance allows, where nothing is said about it."""
+    report = scene.plan.report
+    judged = report and scene.surfaces.details and scene.surfaces.settings.residuals
+    if not judged or args.screen_error is not None:
+        return settings
+    from isosample.rendering.screen_error import screen_error_within
+
+    allowed = screen_error_within(picture, report, cameras, args.size, settings)
+    return replace(settings, screen_error=allowed)
 
 
 def _wants_errors(args: argparse.Namespace, scene: PreparedScene) -> bool:
@@ -233,6 +257,7 @@ def settings_of(args: argparse.Namespace) -> RenderSettings:
     return RenderSettings(
         segment=rule,
         curved=args.curved,
+        screen_error=DEFAULT_SCREEN_ERROR if args.screen_error is None else args.screen_error,
         material=Material() if args.shading else None,
         background=args.background,
         clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),

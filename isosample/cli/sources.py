@@ -204,6 +204,7 @@ def quality_of(args: argparse.Namespace) -> Quality:
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         refine=refine,
         curved=getattr(args, "curved", None),
+        details=getattr(args, "details", None) or 0,
     )
 
 
@@ -284,13 +285,13 @@ def scene_from_cache(
     if own is not None and given is None and per_slope is None:
         surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
         if surfaces.settings != settings:
-            surfaces = _surfaces_of(folder, plan.isovalues, settings)
+            surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details))
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
         value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
         plan = plan_for(tf, value_range, per_slope, gradients)
-        surfaces = _surfaces_of(folder, plan.isovalues, settings)
+        surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -310,13 +311,22 @@ def _scene_of(folder: Path) -> CachedScene | OpenedScene:
 
 
 def _surfaces_of(
-    folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+    folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings, details: int
 ) -> SurfaceSet | StoredSurfaces:
-    """Return surfaces of a cache folder, which stay there where they are too many."""
+    """Return surfaces of a cache folder, which stay there where they are too many; with the details that it has of all."""
     from isosample.surfaces.cache import load_surface_set, open_surface_set
 
     opened = open_surface_set(folder, isovalues, settings)
-    return opened if _are_many(opened) else load_surface_set(folder, isovalues, **settings.as_keywords())
+    coarser = [replace(settings, detail=detail) for detail in range(1, details + 1)]
+    try:
+        opened = replace(opened, details=tuple(open_surface_set(folder, isovalues, one) for one in coarser))
+    except CacheError:  # of another transfer function, for which none were made
+        coarser = []
+    if _are_many(opened):
+        return opened
+    finest = load_surface_set(folder, isovalues, **settings.as_keywords())
+    loaded = (load_surface_set(folder, isovalues, **one.as_keywords()) for one in coarser)
+    return replace(finest, details=tuple(loaded))
 
 
 def _are_many(surfaces: StoredSurfaces) -> bool:

@@ -64,7 +64,7 @@ def summarise(
     fields = {
         "picture": f"{path} ({width} x {height} pixels)",
         "isovalues": _isovalues(len(stats["isovalues"]), scene),
-        "triangles": thousands(stats["triangles"]["drawn"]),
+        "triangles": _triangles(stats),
         "fragments": f"{thousands(stats['fragments'])} (at most {stats['max_depth_complexity']} per pixel, "
         f"lost {stats['lost_fragments']})",
         **tolerance_fields(scene.plan),
@@ -85,6 +85,12 @@ def summarise(
             say(meaning.format(thousands(stats[name])))
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def _triangles(stats: dict[str, Any]) -> str:
+    coarser, pieces = stats["skipped"]["chunks_coarser"], stats["skipped"]["chunks_of"]
+    drawn = thousands(stats["triangles"]["drawn"])
+    return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
 
 
 def scene_fields(scene: PreparedScene) -> dict[str, str]:

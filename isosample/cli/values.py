@@ -75,6 +75,21 @@ def refine(text: str) -> int | None:
     return int(text)
 
 
+def details(text: str) -> int:
+    """Return how many coarser details, 1 to 4."""
+    if text not in ("1", "2", "3", "4"):
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from 1 to 4")
+    return int(text)
+
+
+def screen_error(text: str) -> float:
+    """Return a number of pixels >= 0, or a fraction such as 1/4."""
+    number = _fraction(text)
+    if number < 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number of pixels >= 0, such as 0.25 or 1/4")
+    return number
+
+
 def zoom(text: str) -> float:
     """Return a magnification that float32 can show."""
     factor = positive(text)

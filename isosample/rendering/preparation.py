@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
+from isosample.surfaces.detail import MOST_DETAILS, with_details
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
 from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS, ExtractionSettings
@@ -55,6 +56,9 @@ class Quality:
         come within 0.01 voxel (rms) of the isosurfaces, or as the tolerance needs.
     curved : bool or None
         Which triangles `refine=None` measures, see `RenderSettings.curved`.
+    details : int
+        0 to 4: so many coarser details are extracted too, for frames that are rendered again and again; see
+        `surfaces.detail`.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class Quality:
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int | None = 1
     curved: bool | None = None
+    details: int = 0
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.per_slope is not None:
@@ -83,6 +88,8 @@ class Quality:
             raise InputError(
                 f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
             )
+        if isinstance(self.details, bool) or self.details not in range(MOST_DETAILS + 1):
+            raise InputError(f"details {self.details!r} must be a whole number from 0 to {MOST_DETAILS}.")
 
 
 class PreparedSurfaces(NamedTuple):
@@ -145,7 +152,8 @@ def prepare_surfaces(
     """
     start = time.perf_counter()
     if quality.tolerance is not None:
-        return _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
+        found = _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
+        return _with_details(found, volume, quality.details, cache, progress)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
     refine, distance = quality.refine, None
@@ -160,7 +168,37 @@ def prepare_surfaces(
     elif distance is None:
         surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=residuals, **options)
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
-    return PreparedSurfaces(surfaces, plan, seconds, distance)
+    found = PreparedSurfaces(surfaces, plan, seconds, distance)
+    return _with_details(found, volume, quality.details, cache, progress)
+
+
+def _with_details(
+    prepared: PreparedSurfaces, volume: Volume, details: int, cache: Path | None, progress: Progress | None
+) -> PreparedSurfaces:
+    """Add coarser details, from the cache folder where there is one."""
+    if details == 0:
+        return prepared
+    start = time.perf_counter()
+    surfaces = prepared.surfaces
+    isovalues = prepared.plan.isovalues
+
+    def extracted(detail: int) -> SurfaceSet:
+        if detail == 0:
+            return surfaces
+        options = replace(surfaces.settings, detail=detail).as_keywords() | _told(progress, detail)
+        if cache is not None:
+            return _extract_into(cache, volume, isovalues, **options)
+        return extract_surfaces(volume, isovalues, **options)
+
+    coarser = with_details(extracted, details)
+    seconds = prepared.seconds | {"details": time.perf_counter() - start}
+    return prepared._replace(surfaces=coarser, seconds=seconds)
+
+
+def _told(progress: Progress | None, detail: int) -> dict[str, Any]:
+    """The progress of one detail's extraction, as a keyword."""
+    stage = f"detail {detail}" if detail else "extract"
+    return {"progress": None if progress is None else partial(progress, stage)}
 
 
 def _refined_enough(
@@ -229,27 +267,30 @@ def prepare_stored_surfaces(
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
     choices = REFINEMENTS if quality.refine is None else (quality.refine,)
-    for refine in choices:
+
+    def extracted(refine: int, detail: int = 0) -> StoredSurfaces:
         settings = ExtractionSettings(
             nan_masked=nan_masked,
             reconstruction=quality.reconstruction,
             refine=refine,
             residuals=residuals or quality.refine is None,
+            detail=detail,
         )
-        surfaces = extract_into_store(
-            volume,
-            plan.isovalues,
-            MeshStore(lists.folder),
-            settings=settings,
-            memory=memory,
-            scan=scan,
-            lists=lists,
-            progress=None if progress is None else partial(progress, "extract"),
+        store = MeshStore(lists.folder)
+        told = _told(progress, detail)
+        return extract_into_store(
+            volume, plan.isovalues, store, settings=settings, memory=memory, scan=scan, lists=lists, **told
         )
+
+    for refine in choices:
+        surfaces = extracted(refine)
         if quality.refine is None and mesh_distance(surfaces, quality.curved) <= AUTO_DISTANCE:
             break
+    coarser = with_details(
+        lambda detail: extracted(refine, detail) if detail else surfaces, quality.details
+    )
     return PreparedInStore(
-        surfaces, plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
+        coarser, plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
     )
 
 
