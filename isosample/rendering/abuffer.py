@@ -220,6 +220,12 @@ class ABuffer:
         for tile, _ in self._built_tiles(frame, width, height):
             yield decode_lists(tile, (width, height), self._pool.heads(tile), self._pool.nodes(), start=start)
 
+    def reach(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> float:
+        """How far apart crossings of one place may lie in the wrong order in a picture [world]; see `DetailChoice`."""
+        block = frame_block(self._scene, camera, size, settings)
+        chosen = self._details.chosen(block[0], settings.screen_error)
+        return float(np.linalg.norm(self._geometry.spacing)) * self._details.reach(chosen)
+
     # -- one tile ---------------------------------------------------------------------------------
 
     def _built_tiles(self, frame: _Frame, width: int, height: int) -> Iterator[tuple[Tile, int]]:
@@ -405,7 +411,8 @@ class ABuffer:
         block = frame_block(self._scene, camera, size, settings)
         chosen = self._details.chosen(block[0], settings.screen_error)
         coarse = int((chosen & (self._device.meshes.chunks["detail"] > 0)).sum())
-        curved = (self._scene.smooth or coarse > 0) if settings.curved is None else settings.curved
+        block[0]["reach"] *= self._details.reach(chosen)
+        curved = self._scene.smooth if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
         # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
         # masked, whose border is drawn in any case.

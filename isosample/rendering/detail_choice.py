@@ -54,6 +54,16 @@ class DetailChoice:
         np.maximum.at(coarsest, self._group[fits], self._detail[fits])
         return self._detail == coarsest[self._group]
 
+    def reach(self, chosen: Bool) -> float:
+        """How far apart crossings of one place may lie in the wrong order [diagonals of a cell].
+
+        Meshes of neighbouring isovalues cut each other within a triangle. As extracted it lies in one cell. Where it is
+        δ voxel from a surface of radius R it is about √(8 δ R) long: 2 to 9 diagonals from detail 1 to 4 for R up to
+        some 60 voxels.
+        """
+        coarsest = int(self._detail[chosen].max(initial=0))
+        return 1.0 + 16.0 * detail_tolerance(coarsest)
+
     def _allowed(self, frame: np.void, largest_pixels: float) -> I64:
         """(G,) the coarsest detail that each level in each brick may have."""
         displacements = np.array([detail_tolerance(detail) for detail in range(1, MOST_DETAILS + 1)])

@@ -167,6 +167,7 @@ def error_map(
         part.reshape(-1, 3) for part in camera.rays(width / height).origins_and_directions(width, height)
     )
     low, high = surfaces.value_range
+    reach = abuffer.reach(camera, size, settings)
     maps = np.zeros((3, height * width), dtype=np.float32)
     done = 0
     for part in abuffer.fragment_list_parts(camera, size, in_parts):
@@ -174,7 +175,7 @@ def error_map(
         errors = judge_lists(
             crossing_lists(part, surfaces, *lines),
             plan,
-            reach=float(np.linalg.norm(surfaces.geometry.spacing)),
+            reach=reach,
             visible=visible_parts(*lines, settings.clip_planes),
             least_slope=LEAST_SHEET_SLOPE * max(high - low, 0.0) / surfaces.geometry.box.radius,
         )
