@@ -115,8 +115,8 @@ def add_details_option(parser: argparse.ArgumentParser) -> None:
         "--details",
         type=values.details,
         metavar="N",
-        help="make N coarser meshes too (1 to 4: within 1/16, 1/8, 1/4, 1/2 voxel of the isosurfaces), of which a picture "
-        "takes the coarsest that --screen-error allows: pays for films and for meshes that are rendered often "
+        help="make N coarser meshes too (1 to 4: within 1/16, 1/8, 1/4, 1/2 voxel of the isosurfaces); a picture takes "
+        "the coarsest that --screen-error allows: pays for films and for meshes that are rendered often "
         "(default 0)",
     )
 
@@ -186,7 +186,7 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         "--curved",
         action=argparse.BooleanOptionalAction,
         help="move every crossing from its triangle onto the curved surface through the corners (default: with the "
-        "smooth reconstructions)",
+        "smooth reconstructions, and where coarser meshes are shown)",
     )
     group.add_argument(
         "--screen-error",

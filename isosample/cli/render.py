@@ -46,7 +46,13 @@ if TYPE_CHECKING:
     from isosample.volume.grid import Volume
 
 VIEWS = 4  # of a film, that are looked at for a tolerance
-MESH_OPTIONS = ("cache", "reconstruction", "tolerance", "max_isovalues", "details")  # of a volume, not of a cache folder
+MESH_OPTIONS = (
+    "cache",
+    "reconstruction",
+    "tolerance",
+    "max_isovalues",
+    "details",
+)  # of a volume, not of a cache folder
 EXAMPLE = """\
 isosample render head.nrrd -o head.png
 isosample render head.nrrd --tf bone.json --up z --azimuth 30 --shading --background 1,1,1 -o head.png
@@ -199,7 +205,9 @@ def _film(
     """Turn about the scene, with its meshes uploaded once."""
     cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
     with renderer(scene) as picture:
-        settings = _within_tolerance(args, scene, picture, cameras[:: max(1, len(cameras) // VIEWS)], settings)
+        settings = _within_tolerance(
+            args, scene, picture, cameras[:: max(1, len(cameras) // VIEWS)], settings
+        )
         return run_turntable(
             args,
             cameras,

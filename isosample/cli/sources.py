@@ -313,7 +313,7 @@ def _scene_of(folder: Path) -> CachedScene | OpenedScene:
 def _surfaces_of(
     folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings, details: int
 ) -> SurfaceSet | StoredSurfaces:
-    """Return surfaces of a cache folder, which stay there where they are too many; with the details that it has of all."""
+    """Return surfaces of a cache folder, which stay there where they are too many, with the details of them all."""
     from isosample.surfaces.cache import load_surface_set, open_surface_set
 
     opened = open_surface_set(folder, isovalues, settings)

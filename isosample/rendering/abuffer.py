@@ -412,7 +412,7 @@ class ABuffer:
         chosen = self._details.chosen(block[0], settings.screen_error)
         coarse = int((chosen & (self._device.meshes.chunks["detail"] > 0)).sum())
         block[0]["reach"] *= self._details.reach(chosen)
-        curved = self._scene.smooth if settings.curved is None else settings.curved
+        curved = (self._scene.smooth or coarse > 0) if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
         # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
         # masked, whose border is drawn in any case.

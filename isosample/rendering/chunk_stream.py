@@ -25,8 +25,8 @@ Records = npt.NDArray[np.void]
 U32 = npt.NDArray[np.uint32]
 
 VERTEX_DTYPE = np.dtype([("position", "<f4", 3), ("gradient", "<f4", 3)])
-# One (level, brick) at one detail: its triangles in the index buffer, its vertices in the vertex buffer, and the box around
-# them relative to the volume's centre [world].
+# One (level, brick) at one detail: its triangles in the index buffer, its vertices in the vertex buffer, and
+# the box around them relative to the volume's centre [world].
 CHUNK_DTYPE = np.dtype(
     [
         ("level", "<u4"),
@@ -55,7 +55,7 @@ class LevelRange:
     level : int
     first_index, index_count : int
     chunks : (C,) `CHUNK_DTYPE` or None
-        The level's pieces, one per detail and brick, one after the other in the index buffer; what reaches beyond the range
+        The level's pieces, one per detail and brick, one after the other in the index buffer; what is beyond the range
         is cut off. None: the level is one piece, and nothing is known of where it lies.
     """
 

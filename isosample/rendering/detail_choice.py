@@ -47,12 +47,14 @@ class DetailChoice:
         if not self._has_details:
             return np.ones(len(self._detail), dtype=bool)
         if largest_pixels <= 0.0:
-            return self._detail == 0
+            finest: Bool = self._detail == 0
+            return finest
         allowed = self._allowed(frame, largest_pixels)[self._group]
         coarsest = np.zeros(len(self._centre), dtype=np.int64)
         fits = self._detail <= allowed
         np.maximum.at(coarsest, self._group[fits], self._detail[fits])
-        return self._detail == coarsest[self._group]
+        taken: Bool = self._detail == coarsest[self._group]
+        return taken
 
     def reach(self, chosen: Bool) -> float:
         """How far apart crossings of one place may lie in the wrong order [diagonals of a cell].
@@ -73,7 +75,9 @@ class DetailChoice:
 
     def _pixels_per_unit(self, frame: np.void) -> F64:
         """(G,) most pixels that a world unit can cover anywhere in each brick; infinite around the eye."""
-        right, up = (float(np.linalg.norm(frame[name].astype(np.float64))) for name in ("span_right", "span_up"))
+        right, up = (
+            float(np.linalg.norm(frame[name].astype(np.float64))) for name in ("span_right", "span_up")
+        )
         width, height = frame["image_size"].tolist()
         scale = max(0.5 * width / right, 0.5 * height / up)
         if frame["perspective"] == 0.0:
@@ -83,4 +87,6 @@ class DetailChoice:
         nearest = np.maximum(np.abs(depth) - self._half @ np.abs(forward), 0.0)
         # A step s at depth z moves the image (x / z) by at most |s| sqrt(1 + |x / z|²) / z, largest in a corner.
         oblique = float(np.sqrt(1.0 + right**2 + up**2))
-        return np.divide(scale * oblique, nearest, out=np.full(len(nearest), np.inf), where=nearest > 0.0)
+        found = np.full(len(nearest), np.inf)
+        np.divide(scale * oblique, nearest, out=found, where=nearest > 0.0)
+        return found

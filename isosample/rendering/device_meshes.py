@@ -215,7 +215,9 @@ class Batch:
         self._ctx = ctx
         self.rows, self.bytes, self.residual = rows, size, residual
         self._levels, self._counts = chunks["level"][rows], chunks["index_count"][rows]
-        self._gap = 0 if chunks["detail"].any() else GAP  # what lies between may be another detail of what is drawn
+        self._gap = (
+            0 if chunks["detail"].any() else GAP
+        )  # what lies between may be another detail of what is drawn
         self._starts = starts
         self._vertices, self._indices, *rest = buffers
         self._residuals = rest[0] if rest else None

@@ -286,12 +286,8 @@ def prepare_stored_surfaces(
         surfaces = extracted(refine)
         if quality.refine is None and mesh_distance(surfaces, quality.curved) <= AUTO_DISTANCE:
             break
-    coarser = with_details(
-        lambda detail: extracted(refine, detail) if detail else surfaces, quality.details
-    )
-    return PreparedInStore(
-        coarser, plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
-    )
+    coarser = with_details(lambda detail: extracted(refine, detail) if detail else surfaces, quality.details)
+    return PreparedInStore(coarser, plan, {"plan": planned - start, "extract": time.perf_counter() - planned})
 
 
 def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:

@@ -59,7 +59,9 @@ def screen_error_within(
 
     def error_at(screen_error: float) -> float:
         scaled = replace(settings, screen_error=scale * screen_error)
-        maps = (renderer.error_map(camera=camera, size=small, settings=scaled).percentiles() for camera in cameras)
+        maps = (
+            renderer.error_map(camera=camera, size=small, settings=scaled).percentiles() for camera in cameras
+        )
         return max(expected_error(found, report) for found in maps)
 
     tried = (DEFAULT_SCREEN_ERROR / 2**halvings for halvings in range(HALVINGS + 1))

@@ -81,7 +81,7 @@ class RenderSettings:
     segment : SegmentRule
     curved : bool or None
         Whether every crossing is moved from its triangle onto the curved surface through the vertices; None:
-        if the surfaces are those of a smooth reconstruction.
+        if the surfaces are those of a smooth reconstruction, or some are shown at a coarser detail.
     screen_error : float
         How far coarser meshes may be from the finest [pixel], where the scene has details: each piece is shown at
         the coarsest detail that is not farther away. 0: the finest.

@@ -86,7 +86,19 @@ def collapse(
             waiting[vertex] = False
             for n in range(size):
                 marked[ring[n]] = marks
-            onto = cheapest(vertex, ring, size, positions, gradients, triangles, first, following, marked, marks, share * tolerance)
+            onto = cheapest(
+                vertex,
+                ring,
+                size,
+                positions,
+                gradients,
+                triangles,
+                first,
+                following,
+                marked,
+                marks,
+                share * tolerance,
+            )
             marks += 1
             if onto == NONE:
                 continue
@@ -117,7 +129,7 @@ def collapse(
 def ordered_ring(vertex: int, triangles: I32, first: I32, following: I32, ring: I32) -> int:
     """Put the neighbours of a vertex into `ring`, in turn; return how many, 0 if they are no single closed ring.
 
-    Triangle n at the vertex has the neighbours n and n + 1. Corners of triangles that are gone are taken out of the list.
+    Triangle n at the vertex has the neighbours n and n + 1. Corners of triangles that are gone leave the list.
     """
     before, corner, size = NONE, first[vertex], 0
     while corner != NONE:
@@ -214,7 +226,15 @@ def sagitta(a: int, b: int, positions: F64, gradients: F64) -> float:
 
 @compiled
 def is_link(
-    vertex: int, ring: I32, size: int, onto: int, triangles: I32, first: I32, following: I32, marked: I32, mark: int
+    vertex: int,
+    ring: I32,
+    size: int,
+    onto: int,
+    triangles: I32,
+    first: I32,
+    following: I32,
+    marked: I32,
+    mark: int,
 ) -> bool:
     """Whether the two ends of a side have no common neighbours but the two opposite it, and none gets too many."""
     target = ring[onto]
@@ -230,7 +250,9 @@ def is_link(
         b = after(triangles, t, a)
         if a == vertex or b == vertex:
             continue
-        if (marked[a] == mark and a != left and a != right) or (marked[b] == mark and b != left and b != right):
+        if (marked[a] == mark and a != left and a != right) or (
+            marked[b] == mark and b != left and b != right
+        ):
             return False
         if size == 3 and marked[a] == mark and marked[b] == mark:
             return False  # the triangle that would be made is there already

@@ -65,7 +65,7 @@ def coarsened(mesh: NamedMesh, brick: BrickSamples, isovalue: float, detail: int
 
     Notes
     -----
-    The distance is abs(field − isovalue) / abs(gradient) at seven points of every new triangle, see `mesh_error.measure`.
+    The distance is abs(field − isovalue) / abs(gradient) at seven points of new triangles, see `mesh_error.measure`.
     Triangles that no collapse touched are as far away as they were.
     """
     from isosample.surfaces.collapse_kernels import collapse

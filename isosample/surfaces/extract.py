@@ -201,7 +201,9 @@ def _brick_mesh(
         named = NamedMesh(positions.astype(np.float64), gradients.astype(np.float64), keys, triangles)
         if samples.smooth or settings.rounds:
             inner = np.flatnonzero(keys >= 3 * samples.sample_count)
-            named = refined(settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds)
+            named = refined(
+                settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds
+            )
         if settings.detail:
             coarser = coarsened(named, samples, isovalue, settings.detail)
             if coarser is None:

@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 # What one brick takes while it is extracted, at most: a checkerboard has 3 vertices and 4 triangles per cell, a vertex
 # takes 64 bytes in the kernel's and the mesh's arrays together, a triangle 12; measured: 172 bytes per cell and level.
 MESH_BYTES_PER_CELL = 3 * 64 + 4 * 12
-# A coarser detail needs for a vertex 73 bytes more (positions and gradients in float64, its list of corners), for a triangle 24.
+# A coarser detail needs for a vertex 73 bytes more (positions and gradients in float64, its list of corners),
+# for a triangle 24.
 DETAIL_BYTES_PER_CELL = 3 * 73 + 4 * 24
 SAMPLE_BYTES = 80  # per sample of a brick: padded, differentiated, and the kernel's own arrays
 

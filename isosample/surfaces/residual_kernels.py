@@ -77,7 +77,7 @@ def correction(
 
 @compiled
 def common_cell(positions: F64, corners: I32) -> tuple[bool, Three]:
-    """Whether the corners of a triangle lie in one cell, and which; of larger triangles, that of their lowest corner."""
+    """Whether the corners of a triangle lie in one cell, and which; of larger ones, that of their lowest corner."""
     a, b, c = corners[0], corners[1], corners[2]
     x, y, z = (
         math.floor(min(positions[a, 0], min(positions[b, 0], positions[c, 0]))),
@@ -172,7 +172,7 @@ def largest_distance(
     triangles: I32,
     limit: float,
 ) -> float:
-    """Largest first-order distance from the isosurface of seven points of each triangle [voxel], or one above `limit`."""
+    """Largest first-order distance of seven points of every triangle from the isosurface [voxel], or one > `limit`."""
     largest = 0.0
     for t in range(len(triangles)):
         corners = triangles[t]
