@@ -1,6 +1,17 @@
-"""Names, defaults and file suffixes that the Python interface and the commands share; imports nothing."""
+"""Names, defaults and file suffixes that the Python interface and the commands share; imports nothing but types."""
 
-DATA_CENTRIC = "data-centric"  # name of the method that renders isosurfaces
+from typing import Final
+
+# the methods by name: through isosurfaces; three ways of the ray caster; the field itself in float64
+DATA_CENTRIC: Final = "data-centric"
+POST_CLASSIFIED: Final = "post-classified"
+PRE_INTEGRATED: Final = "pre-integrated"
+PEAK_FINDING: Final = "peak-finding"
+REFERENCE: Final = "reference"
+RAYCAST_METHODS = (POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING)
+COMPARED_METHODS = (DATA_CENTRIC, *RAYCAST_METHODS)  # with the reference
+CHOSEN_FROM = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)  # by the estimate of their costs
+
 DEFAULT_SIZE = (800, 800)  # width, height [pixel]
 DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from isosample.cli.cameras import orbit
 from isosample.cli.console import say_fields
-from isosample.cli.methods import DATA_CENTRIC, methods_left
+from isosample.cli.methods import methods_left
 from isosample.cli.turntable import cameras_of
+from isosample.defaults import DATA_CENTRIC
 
 if TYPE_CHECKING:
     import argparse

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars, say, say_table, seconds
-from isosample.cli.methods import DATA_CENTRIC, RAYCAST_METHODS
 from isosample.cli.outputs import make_folder
 from isosample.cli.parser import add_command
-from isosample.defaults import DEFAULT_REPEAT
+from isosample.defaults import COMPARED_METHODS, DATA_CENTRIC, DEFAULT_REPEAT
 from isosample.errors import InputError, MissingDependencyError
 
 if TYPE_CHECKING:
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Box, Volume
 
-COMPARED = (DATA_CENTRIC, *RAYCAST_METHODS)
 SIZE, QUICK_SIZE = (512, 512), (256, 256)
 QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
@@ -80,10 +78,10 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is compared", "lists have commas between, from coarse to fine")
     group.add_argument(
         "--methods",
-        type=values.words(COMPARED),
-        default=COMPARED,
+        type=values.words(COMPARED_METHODS),
+        default=COMPARED_METHODS,
         metavar="M,M,…",
-        help=f"of {', '.join(COMPARED)} (default: all)",
+        help=f"of {', '.join(COMPARED_METHODS)} (default: all)",
     )
     group.add_argument(
         "--repeat",

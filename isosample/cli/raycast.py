@@ -9,13 +9,13 @@ from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
 from isosample.cli.methods import (
     NEEDS,
-    PEAK_FINDING,
     RAYCAST_OPTIONS,
     check_volume_is_named,
     choice_statistics,
 )
 from isosample.cli.outputs import write_json
 from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.defaults import PEAK_FINDING
 
 if TYPE_CHECKING:
     import argparse

@@ -11,10 +11,7 @@ from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars
 from isosample.cli.methods import (
     AUTO,
-    DATA_CENTRIC,
     METHODS,
-    RAYCAST_METHODS,
-    REFERENCE,
     check_method,
     choice_statistics,
 )
@@ -23,7 +20,14 @@ from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
 from isosample.cli.summary import check_strict, scene_fields, summarise
 from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run_turntable
-from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
+from isosample.defaults import (
+    DATA_CENTRIC,
+    DEFAULT_FRAME_RATE,
+    FILM_SUFFIXES,
+    IMAGE_SUFFIXES,
+    RAYCAST_METHODS,
+    REFERENCE,
+)
 from isosample.errors import InputError
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-METHODS = (DATA_CENTRIC, *(kind.value for kind in Classification))
 SAMPLE_BYTES = 4  # of the volume's texture
 TRIANGLE_BYTES = 48  # of a triangle, its share of the vertices and of what the host keeps of them, about
 
@@ -43,7 +42,7 @@ class Setting:
     Attributes
     ----------
     method : str
-        One of `METHODS`.
+        One of `COMPARED_METHODS`.
     parameter : Parameter
     value : float
         Step [voxel], s_k [pixel], number of isovalues, or error [RGBA].

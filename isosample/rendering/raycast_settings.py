@@ -6,6 +6,7 @@ import enum
 import math
 from dataclasses import dataclass
 
+from isosample import defaults
 from isosample.errors import InputError
 from isosample.transfer.peaks import MOST_PEAKS
 from isosample.volume.macrocells import MACROCELLS
@@ -22,9 +23,9 @@ PEAK_BIN_RANGE = (16, 1024)
 class Classification(enum.Enum):
     """What is made of the values along a ray."""
 
-    POST_CLASSIFIED = "post-classified"
-    PRE_INTEGRATED = "pre-integrated"
-    PEAK_FINDING = "peak-finding"
+    POST_CLASSIFIED = defaults.POST_CLASSIFIED
+    PRE_INTEGRATED = defaults.PRE_INTEGRATED
+    PEAK_FINDING = defaults.PEAK_FINDING
 
 
 class Sampling(enum.Enum):

@@ -11,14 +11,14 @@ from cli.harness import Run, content
 from isosample.cli import build_parser
 from isosample.cli.methods import (
     METHODS,
-    RAYCAST_METHODS,
     RAYCAST_OPTIONS,
     SURFACE_OPTIONS,
     WRITTEN,
     option,
 )
 from isosample.cli.raycast import raycast_settings_of
-from isosample.rendering.raycast_settings import RaycastSettings
+from isosample.defaults import CHOSEN_FROM, COMPARED_METHODS, RAYCAST_METHODS
+from isosample.rendering.raycast_settings import Classification, RaycastSettings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -157,6 +157,11 @@ def test_a_cache_folder_is_no_source_of_the_ray_caster(run: Run, cache: Path, me
     assert outcome.status == 2
     for part in (cache.name, f"--method {method}", "name the volume file"):
         assert part in outcome.err
+
+
+def test_the_ray_caster_has_the_methods_that_are_named() -> None:
+    assert tuple(kind.value for kind in Classification) == RAYCAST_METHODS
+    assert set(CHOSEN_FROM) < set(COMPARED_METHODS) < set(METHODS)
 
 
 @pytest.mark.parametrize("method", METHODS)
