@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments, values
-from isosample.cli.console import byte_size, note, progress_bars, say_fields, say_json, seconds
+from isosample.cli.console import note, progress_bars, say_fields, say_json, seconds
 from isosample.cli.outputs import check_writable
 from isosample.cli.parser import add_command
 from isosample.defaults import VOLUME_SUFFIXES
 from isosample.errors import InputError
+from isosample.wording import byte_size
 
 if TYPE_CHECKING:
     import argparse

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.console import byte_size, say, say_fields, say_json, say_table, thousands
+from isosample.cli.console import say, say_fields, say_json, say_table
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
 from isosample.errors import InputError
+from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
     import argparse

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isosample.cli import arguments
-from isosample.cli.console import byte_size, progress_bars, say_fields, seconds, thousands
+from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.parser import add_command
 from isosample.cli.summary import tolerance_fields
+from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -102,6 +103,7 @@ def precompute(
 
 def summarise(folder: Path, scene: PreparedScene, duration: float, *, tell_memory: bool = False) -> None:
     """Write where the meshes are and what they hold, and where it is asked for the most memory that was taken."""
+    from isosample.surfaces.cache_folders import folder_bytes
     from isosample.surfaces.memory import peak_bytes
 
     found = scene.surfaces.statistics
@@ -119,8 +121,3 @@ def summarise(folder: Path, scene: PreparedScene, duration: float, *, tell_memor
             "seconds": seconds(duration),
         }
     )
-
-
-def folder_bytes(folder: Path) -> int:
-    """Return the size of all files in a folder."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

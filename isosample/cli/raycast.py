@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
-from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
+from isosample.cli.console import progress_bars, say, say_fields, seconds
 from isosample.cli.methods import (
     NEEDS,
     RAYCAST_OPTIONS,
@@ -16,6 +16,7 @@ from isosample.cli.methods import (
 from isosample.cli.outputs import write_json
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.defaults import PEAK_FINDING
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     import argparse

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.console import say, say_fields, seconds, thousands
+from isosample.cli.console import say, say_fields, seconds
 from isosample.errors import UnrepairedError
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     from pathlib import Path
