@@ -13,6 +13,7 @@ COMPARED_METHODS = (DATA_CENTRIC, *RAYCAST_METHODS)  # with the reference
 CHOSEN_FROM = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)  # by the estimate of their costs
 
 DEFAULT_SIZE = (800, 800)  # width, height [pixel]
+DEFAULT_MESH_BUDGET_BYTES = 2 << 30  # on the GPU
 DEFAULT_PER_SLOPE = 5  # Lindholm et al., section 4
 IMAGE_SUFFIXES = (".png", ".npy")
 FILM_SUFFIXES = (".mp4", ".gif", *IMAGE_SUFFIXES)

@@ -36,6 +36,7 @@ SURFACE_OPTIONS = {  # with their defaults
     "curved": None,
     "strict": False,
     "error_map": None,
+    "mesh_budget": None,
 }
 RAYCAST_OPTIONS = {  # None unless given; the methods that each belongs to
     "step": RAYCAST_METHODS,

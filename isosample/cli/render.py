@@ -23,12 +23,14 @@ from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run
 from isosample.defaults import (
     DATA_CENTRIC,
     DEFAULT_FRAME_RATE,
+    DEFAULT_MESH_BUDGET_BYTES,
     FILM_SUFFIXES,
     IMAGE_SUFFIXES,
     RAYCAST_METHODS,
     REFERENCE,
 )
 from isosample.errors import InputError
+from isosample.wording import byte_size
 
 if TYPE_CHECKING:
     import argparse
@@ -128,6 +130,13 @@ def add_parser(commands: Commands) -> None:
         type=Path,
         metavar="DIR",
         help="folder whose meshes of this volume are used again and added to (default: none is used)",
+    )
+    parser.add_argument(
+        "--mesh-budget",
+        type=values.byte_count,
+        metavar="SIZE",
+        help="most memory for meshes on the GPU, such as 512MiB; where there are more, they are loaded in batches, "
+        f"anew for every frame; the picture is the same (default {byte_size(DEFAULT_MESH_BUDGET_BYTES)})",
     )
     arguments.add_nan_option(parser)
     arguments.add_picture_options(parser)
@@ -241,6 +250,7 @@ def settings_of(args: argparse.Namespace) -> RenderSettings:
         background=args.background,
         clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
         stage=ResolveStage(args.stage),
+        mesh_budget_bytes=DEFAULT_MESH_BUDGET_BYTES if args.mesh_budget is None else args.mesh_budget,
     )
 
 

@@ -112,6 +112,8 @@ def prepare_surfaces(
     nan_masked: bool = False,
     residuals: bool = False,
     cache: Path | None = None,
+    plain: bool = False,
+    budget_bytes: int | None = None,
     progress: Progress | None = None,
 ) -> PreparedSurfaces:
     """Plan and extract what a picture needs.
@@ -128,6 +130,8 @@ def prepare_surfaces(
         for ``refine=None``.
     cache : path, optional
         Folder whose surfaces of this volume are used again and added to.
+    plain, budget_bytes
+        As for `extract_with_cache`, where there is a `cache`.
     progress : callable, optional
         Called with the stage, steps done and steps in all.
 
@@ -145,7 +149,16 @@ def prepare_surfaces(
     """
     start = time.perf_counter()
     if quality.tolerance is not None:
-        return _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
+        return _for_tolerance(
+            volume,
+            transfer_function,
+            quality,
+            nan_masked,
+            progress,
+            cache=cache,
+            plain=plain,
+            budget_bytes=budget_bytes,
+        )
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
     refine, distance = quality.refine, None
@@ -156,7 +169,10 @@ def prepare_surfaces(
         surfaces, distance = _refined_enough(volume, plan, quality, options)
         refine = surfaces.settings.refine
     if cache is not None:
-        surfaces = _extract_into(cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options)
+        kept: dict[str, Any] = {"plain": plain, "budget_bytes": budget_bytes}
+        surfaces = _extract_into(
+            cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options, **kept
+        )
     elif distance is None:
         surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=residuals, **options)
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
@@ -196,13 +212,14 @@ def prepare_stored_surfaces(
     scan: BrickScan,
     nan_masked: bool = False,
     residuals: bool = False,
+    plain: bool = False,
     progress: Progress | None = None,
 ) -> PreparedInStore:
     """Plan and extract what a picture needs into a cache folder, with a memory budget.
 
     Parameters
     ----------
-    volume, transfer_function, quality, nan_masked, residuals, progress
+    volume, transfer_function, quality, nan_masked, residuals, plain, progress
         As for `prepare_surfaces`.
     lists : SurfaceLists
         Name the cache folder and the volume's content; what its chunks hold is not extracted again.
@@ -239,7 +256,7 @@ def prepare_stored_surfaces(
         surfaces = extract_into_store(
             volume,
             plan.isovalues,
-            MeshStore(lists.folder),
+            MeshStore(lists.folder, plain=plain),
             settings=settings,
             memory=memory,
             scan=scan,
@@ -281,8 +298,10 @@ def _for_tolerance(
     transfer_function: TransferFunction,
     quality: Quality,
     nan_masked: bool,
-    cache: Path | None,
     progress: Progress | None,
+    *,
+    cache: Path | None,
+    **kept: Any,
 ) -> PreparedSurfaces:
     """Search for a plan; its surfaces go through the cache where there is one."""
     from isosample.rendering.tolerance import plan_for_tolerance
@@ -311,6 +330,7 @@ def _for_tolerance(
             refine=found.refine,
             residuals=True,
             progress=None if progress is None else partial(progress, "extract"),
+            **kept,
         )
     return PreparedSurfaces(
         surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.defaults import DEFAULT_MESH_BUDGET_BYTES
 from isosample.errors import InputError
 from isosample.integral.segment_rule import SegmentRule as SegmentRule
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DEFAULT_FRAGMENT_BUDGET_BYTES = 512 << 20
-DEFAULT_MESH_BUDGET_BYTES = 2 << 30
 DEFAULT_MIN_TRANSMITTANCE = (
     2.0**-20
 )  # what is left behind changes a pixel by less than 1e-6 of the brightest colour

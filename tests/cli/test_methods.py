@@ -49,6 +49,7 @@ OWNERS = {  # of every option of the ray caster, as written on a command line
 }
 MESHES = {
     "--cache meshes",
+    "--mesh-budget 1GiB",
     "--per-slope 3",
     "--tolerance 1/255",
     "--max-isovalues 9",

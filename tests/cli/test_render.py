@@ -326,3 +326,18 @@ def test_names_that_are_no_utf8_reach_the_statistics(run: Run) -> None:
     outcome = run("render", name, "--tf", "tf.json", "--size", "16x16", "-o", "out.npy", "--stats", "s.json")
     assert outcome.status == 0, outcome.err
     assert json.loads(Path("s.json").read_bytes())["source"] == name
+
+
+def test_a_budget_of_meshes_on_the_gpu_makes_batches_and_changes_no_bit(run: Run, folder: Path) -> None:
+    x, y, z = np.mgrid[-1:1:80j, -1:1:80j, -1:1:80j]  # several bricks
+    np.save("large.npy", (100 * np.exp(-(x * x + y * y + z * z))).astype(np.float32))
+    pictures, batches = [], []
+    for more in ("", "--mesh-budget 2MiB"):
+        words = f"render large.npy --tf tf.json --size 24x24 -o out.npy --stats stats.json {more}"
+        outcome = run(words)
+        assert outcome.status == 0, outcome.err
+        pictures.append((folder / "out.npy").read_bytes())
+        batches.append(json.loads((folder / "stats.json").read_text())["mesh_batches"])
+    assert pictures[0] == pictures[1]
+    assert batches[0] < batches[1]
+    assert "64 KiB" in run("render large.npy --tf tf.json --size 24x24 -o out.npy --mesh-budget 1KiB").err
