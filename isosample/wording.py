@@ -25,3 +25,9 @@ def byte_size(size: int) -> str:
 def counted(number: int, noun: str) -> str:
     """Return a count with its noun, which takes an s unless there is one of it: 1 cache, 2 caches."""
     return f"{thousands(number)} {noun}{'' if number == 1 else 's'}"
+
+
+def fraction_text(number: float) -> str:
+    """A number, as 1/n where it is one: 0.25 is 1/4."""
+    inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
+    return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"

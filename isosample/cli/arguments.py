@@ -6,7 +6,15 @@ import argparse
 from pathlib import Path
 
 from isosample.cli import values
-from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SIZE
+from isosample.defaults import (
+    AUTO_DISTANCE,
+    DEFAULT_MAX_ISOVALUES,
+    DEFAULT_PER_SLOPE,
+    DEFAULT_SIZE,
+    MAX_CLIP_PLANES,
+)
+from isosample.surfaces.memory import DEFAULT_MEMORY
+from isosample.wording import byte_size
 
 UNSET = 0  # of an option whose None says something
 SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
@@ -51,8 +59,8 @@ def add_memory_option(parser: argparse.ArgumentParser) -> None:
         type=values.byte_count,
         metavar="SIZE",
         help="most memory to take, such as 2GiB: the volume is read piece by piece, every piece of a mesh is written "
-        "as soon as it is there, and an interrupted run goes on where it ended (default: without limit; 2GiB for "
-        "Zarr and HDF5)",
+        "as soon as it is there, and an interrupted run goes on where it ended (default: without limit; "
+        f"{byte_size(DEFAULT_MEMORY)} for Zarr and HDF5)",
     )
 
 
@@ -96,7 +104,7 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         "--max-isovalues",
         type=values.count,
         metavar="N",
-        help="at most so many isovalues for a tolerance (default 512)",
+        help=f"at most so many isovalues for a tolerance (default {DEFAULT_MAX_ISOVALUES})",
     )
     add_reconstruction_option(parser)
     parser.add_argument(
@@ -105,7 +113,8 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         default=UNSET,
         metavar="N",
         help="divide the edges of bent triangles into up to 2, 4 or 8, with the new corners on the isosurface; auto: "
-        "until the meshes are within 0.01 voxel of it (default 1; with --tolerance: the most that may be chosen, 8)",
+        f"until the meshes are within {AUTO_DISTANCE:g} voxel of it (default 1; with --tolerance: the most that may "
+        "be chosen, 8)",
     )
 
 
@@ -147,7 +156,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--zoom",
         type=values.zoom,
         metavar="F",
-        help="magnification, 1e-6 to 1e6; 1 fits the box's bounding sphere (default 1)",
+        help=f"magnification, {1 / values.LARGEST_ZOOM:g} to {values.LARGEST_ZOOM:g}; 1 "
+        "fits the box's bounding sphere (default 1)",
     )
     group.add_argument(
         "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"
@@ -196,7 +206,8 @@ def add_look_options(group: argparse._ArgumentGroup, *, displayed: str) -> None:
         action="append",
         default=[],
         metavar="NX,NY,NZ,D",
-        help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
+        help=f"keep what has nx x + ny y + nz z + d >= 0 [world]; up to {MAX_CLIP_PLANES} times "
+        "(default: nothing is cut)",
     )
     group.add_argument(
         "--background",

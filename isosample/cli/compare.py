@@ -11,11 +11,21 @@ from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars, say, say_table, seconds
 from isosample.cli.outputs import make_folder
 from isosample.cli.parser import add_command
-from isosample.defaults import COMPARED_METHODS, DATA_CENTRIC, DEFAULT_REPEAT
+from isosample.defaults import (
+    COMPARED_METHODS,
+    DATA_CENTRIC,
+    DEFAULT_PER_SLOPES,
+    DEFAULT_PIXEL_SCALES,
+    DEFAULT_REPEAT,
+    DEFAULT_STEPS,
+    DEFAULT_TOLERANCES,
+)
 from isosample.errors import InputError, MissingDependencyError
+from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from isosample.cli.parser import Commands
     from isosample.compare.contenders import ComparedScene
@@ -64,7 +74,9 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="two settings per method, three frames, 256x256 pixels, where nothing else is asked for",
+        help="two settings per method, {} frames, {}x{} pixels, where nothing else is asked for".format(
+            QUICK_REPEAT, *QUICK_SIZE
+        ),
     )
     _add_sweep_options(parser)
     _add_picture_options(parser)
@@ -93,19 +105,20 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         "--per-slopes",
         type=values.list_of(values.count),
         metavar="K,K,…",
-        help="data-centric: isovalues inside each visible slope (default 1,2,3,5,9,17)",
+        help=f"data-centric: isovalues inside each visible slope (default {_list(DEFAULT_PER_SLOPES)})",
     )
     group.add_argument(
         "--tolerances",
         type=values.list_of(values.tolerance),
         metavar="E,E,…",
-        help="data-centric: errors that isovalues and refinement are searched for (default 1/64,1/255)",
+        help="data-centric: errors that isovalues and refinement are searched for "
+        f"(default {_list(DEFAULT_TOLERANCES)})",
     )
     group.add_argument(
         "--steps",
         type=values.list_of(values.step),
         metavar="S,S,…",
-        help="ray casters: distances between samples [voxel] (default 4,2,1,1/2,1/4,1/8)",
+        help=f"ray casters: distances between samples [voxel] (default {_list(DEFAULT_STEPS)})",
     )
     group.add_argument(
         "--sampling",
@@ -118,7 +131,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         type=values.list_of(values.step),
         metavar="S,S,…",
         help="ray casters, with --sampling differential: steps over a pixel's footprint, s_k of Knoll et al. "
-        "(default 16,8,4,2,1)",
+        f"(default {_list(DEFAULT_PIXEL_SCALES)})",
     )
     group.add_argument(
         "--adaptive", action="store_true", help="ray casters: longer steps where the data vary little"
@@ -136,6 +149,10 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         default="exact",
         help="peak finding: from the cubic of every cell (default exact), or by secant steps, as in the paper",
     )
+
+
+def _list(numbers: Sequence[float]) -> str:
+    return ",".join(fraction_text(number) for number in numbers)
 
 
 def _add_picture_options(parser: argparse.ArgumentParser) -> None:

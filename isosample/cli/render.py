@@ -26,6 +26,7 @@ from isosample.defaults import (
     DEFAULT_MESH_BUDGET_BYTES,
     FILM_SUFFIXES,
     IMAGE_SUFFIXES,
+    LARGEST_GIF_RATE,
     RAYCAST_METHODS,
     REFERENCE,
 )
@@ -92,7 +93,8 @@ def add_parser(commands: Commands) -> None:
         "--frame-rate",
         type=values.positive,
         metavar="F",
-        help=f"frames per second of .mp4 and .gif (default {DEFAULT_FRAME_RATE:g}); a .gif takes up to 50",
+        help=f"frames per second of .mp4 and .gif (default {DEFAULT_FRAME_RATE:g}); "
+        f"a .gif takes up to {LARGEST_GIF_RATE:g}",
     )
     parser.add_argument(
         "--stats",

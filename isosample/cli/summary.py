@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.console import say, say_fields, seconds
+from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import UnrepairedError
 from isosample.wording import thousands
 
@@ -58,8 +59,6 @@ def summarise(
     errors: dict[str, float] | None = None,
 ) -> None:
     """Write the picture's path, what it took, and how far it may be off."""
-    from isosample.rendering.preparation import AUTO_DISTANCE
-
     stats = image.stats
     width, height = stats["size"]
     fields = {

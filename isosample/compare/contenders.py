@@ -14,6 +14,7 @@ from isosample.rendering.preparation import Quality, prepare_surfaces
 from isosample.rendering.raycast_settings import Classification, RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.settings import RenderSettings
+from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
@@ -260,9 +261,3 @@ def cost_of(stats: dict[str, Any], volume_bytes: int) -> dict[str, Any]:
         "skipped": dict(stats["skipped"]),
         "not_shown": dict(stats.get("not_shown", {})),
     }
-
-
-def fraction_text(number: float) -> str:
-    """A number, as 1/n where it is one: 0.25 is 1/4."""
-    inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
-    return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"

@@ -5,7 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from isosample.compare.contenders import Parameter, Setting
-from isosample.defaults import COMPARED_METHODS, DATA_CENTRIC
+from isosample.defaults import (
+    COMPARED_METHODS,
+    DATA_CENTRIC,
+    DEFAULT_PER_SLOPES,
+    DEFAULT_PIXEL_SCALES,
+    DEFAULT_STEPS,
+    DEFAULT_TOLERANCES,
+)
 from isosample.errors import InputError
 from isosample.rendering.raycast_settings import Sampling
 
@@ -34,10 +41,10 @@ class Sweep:
     """
 
     methods: tuple[str, ...] = COMPARED_METHODS
-    steps: tuple[float, ...] = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
-    pixel_scales: tuple[float, ...] = (16.0, 8.0, 4.0, 2.0, 1.0)
-    per_slopes: tuple[int, ...] = (1, 2, 3, 5, 9, 17)
-    tolerances: tuple[float, ...] = (1 / 64, 1 / 255)
+    steps: tuple[float, ...] = DEFAULT_STEPS
+    pixel_scales: tuple[float, ...] = DEFAULT_PIXEL_SCALES
+    per_slopes: tuple[int, ...] = DEFAULT_PER_SLOPES
+    tolerances: tuple[float, ...] = DEFAULT_TOLERANCES
 
     def __post_init__(self) -> None:
         if not self.methods or len(set(self.methods)) != len(self.methods):

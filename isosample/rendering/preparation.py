@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
+from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from isosample.volume.scan import BrickScan
 
     Progress = Callable[[str, int, int], None]
-
-AUTO_DISTANCE = 0.01  # rms distance between mesh and isosurface that `refine=None` asks for [voxel]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 
 from isosample.compare import plots, svg
-from isosample.compare.contenders import fraction_text
 from isosample.compare.false_color import (
     DIFFERENCE_COLORS,
     ERROR_COLORS,
@@ -25,6 +24,7 @@ from isosample.compare.false_color import (
     shown,
 )
 from isosample.defaults import COMPARED_METHODS
+from isosample.wording import fraction_text
 
 SVG = "{http://www.w3.org/2000/svg}"
 numbers = st.integers(1, 6).map(float)  # few, so that equal ones are common
