@@ -74,14 +74,15 @@ def add_nan_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_plan_options(parser: argparse.ArgumentParser) -> None:
-    """Add what decides about the isovalues."""
+def add_plan_options(
+    parser: argparse.ArgumentParser, *, without: str = "one suggested from the histogram"
+) -> None:
+    """Add what decides about the isovalues; `without` says what is taken where no transfer function is given."""
     parser.add_argument(
         "--tf",
         type=Path,
         metavar="FILE",
-        help="transfer function, JSON of isosample, 3D Slicer or ParaView (default: the cache's own, or one "
-        "suggested from the histogram)",
+        help=f"transfer function, JSON of isosample, 3D Slicer or ParaView (default: {without})",
     )
     parser.add_argument(
         "--per-slope",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars, say, say_table, seconds
-from isosample.cli.outputs import make_folder
+from isosample.cli.outputs import check_driver, make_folder
 from isosample.cli.parser import add_command
 from isosample.defaults import (
     COMPARED_METHODS,
@@ -177,7 +177,6 @@ def run(args: argparse.Namespace) -> int:
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
     from isosample.compare.experiment import run_experiment
     from isosample.compare.report import write_report
-    from isosample.gl.context import shared_context
 
     start = time.perf_counter()
     _check_modules()
@@ -186,9 +185,9 @@ def run(args: argparse.Namespace) -> int:
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     folder = make_folder(args.output)
-    shared_context()
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     args.size = _size_of(args)
+    check_driver(args.size)
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     scene = _scene(args, volume.in_memory(), tf)
     experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box))
     with progress_bars() as progress:

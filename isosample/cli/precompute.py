@@ -78,10 +78,15 @@ def run(args: argparse.Namespace) -> int:
     transfer_function = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.volume)
     memory = memory_of(args, volume)
-    if memory is not None:
-        folder, scene = precompute_within(args, volume, transfer_function, memory)
-    else:
-        folder, scene = precompute(args, volume, transfer_function)
+    try:
+        if memory is not None:
+            folder, scene = precompute_within(args, volume, transfer_function, memory)
+        else:
+            folder, scene = precompute(args, volume, transfer_function)
+    except KeyboardInterrupt:
+        if args.tolerance is None:  # whose search begins anew
+            note("what was extracted is kept; the same command goes on from there")
+        raise
     more = {} if args.cache_budget is None else keep_to_budget(folder, args.cache_budget)
     if memory is not None:
         from isosample.surfaces.memory import peak_bytes

@@ -15,7 +15,14 @@ from isosample.cli.methods import (
     check_method,
     choice_statistics,
 )
-from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
+from isosample.cli.outputs import (
+    check_driver,
+    check_suffix,
+    check_writable,
+    nearest_existing,
+    probe_folder,
+    write_json,
+)
 from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
 from isosample.cli.summary import check_strict, scene_fields, summarise
@@ -124,7 +131,9 @@ def add_parser(commands: Commands) -> None:
         "be the fastest, with the preparation and all frames",
     )
     parser.set_defaults(choice=None)
-    arguments.add_plan_options(parser)
+    arguments.add_plan_options(
+        parser, without="the cache folder's own; for a volume, one suggested from the histogram"
+    )
     arguments.add_quality_options(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
     parser.add_argument(
@@ -288,6 +297,10 @@ def _check_outputs(args: argparse.Namespace) -> None:
         check_suffix(args.stats, (".json",), "a file of statistics")
     if args.error_map:
         check_suffix(args.error_map, IMAGE_SUFFIXES, "an error map")
+        if args.error_map.suffix.lower() == ".png":
+            from isosample.rendering.error_map import check_matplotlib
+
+            check_matplotlib()
     inputs = [path for path in (args.source, args.tf, args.camera) if path is not None]
     check_writable({**outputs_of(args), "--stats": args.stats, "--error-map": args.error_map}, inputs)
     if args.cache is not None:
@@ -297,7 +310,6 @@ def _check_outputs(args: argparse.Namespace) -> None:
 def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     """Return the scene of the source; a missing driver is told before the long work."""
     from isosample.cli import sources
-    from isosample.gl.context import shared_context
 
     if opened is not None:
         scene = _extract(args, opened.volume, opened.transfer_function)
@@ -310,7 +322,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
                 f"--refine belongs to a volume file, and {args.source} is a mesh cache; its meshes are what they are. "
                 "Leave out --refine, or name the volume."
             )
-        shared_context()
+        check_driver(args.size)
         return sources.scene_from_cache(
             args.source,
             transfer_function,
@@ -319,7 +331,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
             nan_masked=args.nan == "masked",
         )
     volume = sources.open_source_volume(args, args.source)
-    shared_context()
+    check_driver(args.size)
     return _extract(args, volume, transfer_function)
 
 

@@ -73,7 +73,7 @@ def summarise(
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
     if not stats["isovalues"] and not scene.plan.band_visible.any():
-        say("nothing is visible: the transfer function has no extinction inside the volume's range")
+        say(_nothing_visible(scene))
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
@@ -85,6 +85,18 @@ def summarise(
             say(meaning.format(thousands(stats[name])))
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def _nothing_visible(scene: PreparedScene) -> str:
+    """Why a picture is empty, with both ranges: the transfer function may be in other units than the volume."""
+    tf, (low, high) = scene.transfer_function, scene.plan.value_range
+    visible = [point.value for slope in tf.slopes() if slope.visible for point in (slope.low, slope.high)]
+    visible += [one.value for one in tf.isosurfaces]
+    where = f"its visible part is {min(visible):g} to {max(visible):g}" if visible else "it has none at all"
+    return (
+        "nothing is visible: the transfer function has no extinction inside the volume's range, "
+        f"{low:g} to {high:g}; {where}"
+    )
 
 
 def scene_fields(scene: PreparedScene) -> dict[str, str]:

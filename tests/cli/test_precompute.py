@@ -169,3 +169,18 @@ def test_a_scene_that_exceeds_its_budget_stays_whole(run: Run, folder: Path, mor
 def chunks_of(cache: Path) -> dict[str, bytes]:
     """Return the chunks of a cache folder by name."""
     return {path.name: path.read_bytes() for path in cache.glob("chunks/*/*.chunk")}
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_an_interrupted_run_says_that_it_can_go_on(
+    run: Run, monkeypatch: pytest.MonkeyPatch, more: str
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    name = "isosample.rendering.preparation." + ("prepare_stored_surfaces" if more else "prepare_surfaces")
+    monkeypatch.setattr(name, interrupt)
+    outcome = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
+    assert outcome.status == 130
+    assert "the same command goes on from there" in outcome.err
+    assert outcome.err.endswith("isosample: interrupted\n")
