@@ -52,7 +52,7 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--plain",
         action="store_true",
-        help="write meshes that need no decoding: five to six times as large on disk, read in a quarter of the time "
+        help="write meshes that need no decoding: four to six times as large on disk, read in a quarter of the time "
         "(default: packed, without loss); what the folder holds already stays as it is, and both kinds go together",
     )
     parser.add_argument(
