@@ -17,7 +17,7 @@ endif
 help:  ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
-demo: $(OPENGL)  ## render a built-in volume through the whole pipeline; pictures in demo/
+demo: $(OPENGL)  ## render built-in volumes through the whole pipeline; pictures in demo/
 	$(BIN)/isosample demo -o demo
 
 test: lint $(TEST_OPENGL)  ## lint, then every test that is quick

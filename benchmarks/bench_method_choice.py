@@ -23,18 +23,10 @@ from scipy.optimize import nnls
 
 from benchmarks import method_scenes
 from benchmarks.machine import describe_machine, processor, table
+from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
-from isosample.rendering.method_choice import (
-    CHOICES,
-    DATA_CENTRIC,
-    FEATURES,
-    PEAK_FINDING,
-    PRE_INTEGRATED,
-    estimate_cost,
-    is_sharp,
-    raycast_settings_for,
-)
+from isosample.rendering.method_choice import FEATURES, estimate_cost, is_sharp, raycast_settings_for
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.preparation import Quality, plan_for, prepare_surfaces
 from isosample.rendering.raycast_settings import RaycastSettings
@@ -62,7 +54,9 @@ LOOKS = {
     "shaded": (RenderSettings(material=Material()), Reconstruction.TRILINEAR),
     "smooth": (RenderSettings(), Reconstruction.CUBIC),
 }
-UNCHANGED = tuple(f"{method} prepare shaded" for method in CHOICES)  # light changes nothing before the frames
+UNCHANGED = tuple(
+    f"{method} prepare shaded" for method in CHOSEN_FROM
+)  # light changes nothing before the frames
 ABOUT_EQUAL = 1.1  # times of two methods of which either is a right choice
 HEAD_LINES = 5  # of method_costs.py, which stay
 
@@ -186,7 +180,7 @@ def factors(clock: Clock, repetitions: int) -> dict[str, float]:
     """
     ratios: dict[str, list[float]] = {}
     for scene in list(method_scenes.learnt_from())[1:10:4]:
-        for method in CHOICES:
+        for method in CHOSEN_FROM:
             plain = timed(scene, method, clock, repetitions)
             for word, look in LOOKS.items():
                 changed = timed(scene, method, clock, repetitions, look)
@@ -240,7 +234,9 @@ def fitted(measured: list[Measured]) -> Costs:
     costs: Costs = {}
     for name, features in FEATURES.items():
         method, stage = name.rsplit(" ", 1)
-        of = [m for m in CHOICES if m == method or (stage == "prepare" and DATA_CENTRIC not in (m, method))]
+        of = [
+            m for m in CHOSEN_FROM if m == method or (stage == "prepare" and DATA_CENTRIC not in (m, method))
+        ]
         rows = [(one.load, one.seconds[m][stage]) for one in measured for m in of if m in one.seconds]
         seconds = np.array([spent for _, spent in rows])
         amounts = np.array(

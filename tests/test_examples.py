@@ -92,3 +92,16 @@ def test_a_cache_folder_gives_the_same_pixels_as_the_scan(real_volumes: Path, tm
     cached = load_cache(tmp_path)
     image = isosample.render_surfaces(cached.surfaces, cached.plan, size=(400, 300))
     assert np.array_equal(image.rgba, expected.rgba)
+
+
+def test_first_picture_without_a_volume_says_how_to_call_it(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / "first_picture.py")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "first_picture.py VOLUME" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 
 from isosample.cli import values
-from isosample.defaults import DEFAULT_PER_SLOPE, DEFAULT_SCREEN_ERROR, DEFAULT_SIZE
+from isosample.defaults import (
+    AUTO_DISTANCE,
+    DEFAULT_MAX_ISOVALUES,
+    DEFAULT_PER_SLOPE,
+    DEFAULT_SCREEN_ERROR,
+    DEFAULT_SIZE,
+    MAX_CLIP_PLANES,
+)
+from isosample.surfaces.memory import DEFAULT_MEMORY
+from isosample.wording import byte_size
 
 UNSET = 0  # of an option whose None says something
 SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
@@ -51,8 +60,8 @@ def add_memory_option(parser: argparse.ArgumentParser) -> None:
         type=values.byte_count,
         metavar="SIZE",
         help="most memory to take, such as 2GiB: the volume is read piece by piece, every piece of a mesh is written "
-        "as soon as it is there, and an interrupted run goes on where it ended (default: without limit; 2GiB for "
-        "Zarr and HDF5)",
+        "as soon as it is there, and an interrupted run goes on where it ended (default: without limit; "
+        f"{byte_size(DEFAULT_MEMORY)} for Zarr and HDF5)",
     )
 
 
@@ -66,14 +75,15 @@ def add_nan_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_plan_options(parser: argparse.ArgumentParser) -> None:
-    """Add what decides about the isovalues."""
+def add_plan_options(
+    parser: argparse.ArgumentParser, *, without: str = "one suggested from the histogram"
+) -> None:
+    """Add what decides about the isovalues; `without` says what is taken where no transfer function is given."""
     parser.add_argument(
         "--tf",
         type=Path,
         metavar="FILE",
-        help="transfer function, JSON of isosample, 3D Slicer or ParaView (default: the cache's own, or one "
-        "suggested from the histogram)",
+        help=f"transfer function, JSON of isosample, 3D Slicer or ParaView (default: {without})",
     )
     parser.add_argument(
         "--per-slope",
@@ -96,7 +106,7 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         "--max-isovalues",
         type=values.count,
         metavar="N",
-        help="at most so many isovalues for a tolerance (default 512)",
+        help=f"at most so many isovalues for a tolerance (default {DEFAULT_MAX_ISOVALUES})",
     )
     add_reconstruction_option(parser)
     parser.add_argument(
@@ -105,7 +115,8 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         default=UNSET,
         metavar="N",
         help="divide the edges of bent triangles into up to 2, 4 or 8, with the new corners on the isosurface; auto: "
-        "until the meshes are within 0.01 voxel of it (default 1; with --tolerance: the most that may be chosen, 8)",
+        f"until the meshes are within {AUTO_DISTANCE:g} voxel of it (default 1; with --tolerance: the most that may "
+        "be chosen, 8)",
     )
 
 
@@ -159,7 +170,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--zoom",
         type=values.zoom,
         metavar="F",
-        help="magnification, 1e-6 to 1e6; 1 fits the box's bounding sphere (default 1)",
+        help=f"magnification, {1 / values.LARGEST_ZOOM:g} to {values.LARGEST_ZOOM:g}; 1 "
+        "fits the box's bounding sphere (default 1)",
     )
     group.add_argument(
         "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"
@@ -215,7 +227,8 @@ def add_look_options(group: argparse._ArgumentGroup, *, displayed: str) -> None:
         action="append",
         default=[],
         metavar="NX,NY,NZ,D",
-        help="keep what has nx x + ny y + nz z + d >= 0 [world]; up to 8 times (default: nothing is cut)",
+        help=f"keep what has nx x + ny y + nz z + d >= 0 [world]; up to {MAX_CLIP_PLANES} times "
+        "(default: nothing is cut)",
     )
     group.add_argument(
         "--background",

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 
 from isosample.cli.cameras import orbit
 from isosample.cli.console import say_fields
-from isosample.cli.methods import DATA_CENTRIC, methods_left
+from isosample.cli.methods import methods_left
+from isosample.cli.outputs import check_driver
 from isosample.cli.turntable import cameras_of
+from isosample.defaults import DATA_CENTRIC
 
 if TYPE_CHECKING:
     import argparse
@@ -75,13 +77,12 @@ def _estimate(
         quality_of,
         transfer_function_of,
     )
-    from isosample.gl.context import shared_context
     from isosample.rendering.method_choice import choose_method
 
     check_volume_is_named(args)
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
-    shared_context()
+    check_driver(args.size)
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     one = camera or orbit(args, volume.box)
     quality = quality_of(args)

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isosample.cli import arguments, values
-from isosample.cli.console import byte_size, say, say_fields, say_json, say_table, seconds, thousands
+from isosample.cli.console import say, say_fields, say_json, say_table, seconds
 from isosample.cli.parser import add_command
 from isosample.errors import InputError
+from isosample.wording import byte_size, counted, thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -108,7 +109,7 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
     for entry in found:
         if entry.problem:
             say(f"cannot be used: {entry.problem}")
-    say(f"{len(found)} caches, {byte_size(sum(entry.size_bytes for entry in found))}")
+    say(f"{counted(len(found), 'cache')}, {byte_size(sum(entry.size_bytes for entry in found))}")
     return 0
 
 
@@ -148,6 +149,8 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
 
     removed = prune_folders(folders, budget, pretend=pretend)
     left = sum(chunk.size_bytes for folder in folders for chunk in MeshStore(folder, read_only=True).chunks())
+    if pretend:
+        left -= sum(entry.size_bytes for entry in removed)
     if as_json:
         rows = [
             {"cache": str(folder), "chunks": count, "size_bytes": size} for folder, count, size in removed
@@ -157,10 +160,14 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
     verb = "would remove" if pretend else "removed"
     for folder, count, size in removed:
         if count:
-            say(f"{verb} {thousands(count)} meshes ({byte_size(size)}) of {folder}")
+            say(f"{verb} {_meshes(count)} ({byte_size(size)}) of {folder}")
     total, size = sum(entry.chunks for entry in removed), sum(entry.size_bytes for entry in removed)
-    say_fields({verb: f"{thousands(total)} meshes, {byte_size(size)}", "meshes left": byte_size(left)})
+    say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0
+
+
+def _meshes(number: int) -> str:
+    return "1 mesh" if number == 1 else f"{thousands(number)} meshes"
 
 
 def _ago(used: float) -> str:

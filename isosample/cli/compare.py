@@ -9,14 +9,23 @@ from typing import TYPE_CHECKING, Any
 from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars, say, say_table, seconds
-from isosample.cli.methods import DATA_CENTRIC, RAYCAST_METHODS
-from isosample.cli.outputs import make_folder
+from isosample.cli.outputs import check_driver, make_folder
 from isosample.cli.parser import add_command
-from isosample.defaults import DEFAULT_REPEAT
+from isosample.defaults import (
+    COMPARED_METHODS,
+    DATA_CENTRIC,
+    DEFAULT_PER_SLOPES,
+    DEFAULT_PIXEL_SCALES,
+    DEFAULT_REPEAT,
+    DEFAULT_STEPS,
+    DEFAULT_TOLERANCES,
+)
 from isosample.errors import InputError, MissingDependencyError
+from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from isosample.cli.parser import Commands
     from isosample.compare.contenders import ComparedScene
@@ -26,7 +35,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Box, Volume
 
-COMPARED = (DATA_CENTRIC, *RAYCAST_METHODS)
 SIZE, QUICK_SIZE = (512, 512), (256, 256)
 QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
@@ -66,7 +74,9 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="two settings per method, three frames, 256x256 pixels, where nothing else is asked for",
+        help="two settings per method, {} frames, {}x{} pixels, where nothing else is asked for".format(
+            QUICK_REPEAT, *QUICK_SIZE
+        ),
     )
     _add_sweep_options(parser)
     _add_picture_options(parser)
@@ -80,10 +90,10 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is compared", "lists have commas between, from coarse to fine")
     group.add_argument(
         "--methods",
-        type=values.words(COMPARED),
-        default=COMPARED,
+        type=values.words(COMPARED_METHODS),
+        default=COMPARED_METHODS,
         metavar="M,M,…",
-        help=f"of {', '.join(COMPARED)} (default: all)",
+        help=f"of {', '.join(COMPARED_METHODS)} (default: all)",
     )
     group.add_argument(
         "--repeat",
@@ -95,19 +105,20 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         "--per-slopes",
         type=values.list_of(values.count),
         metavar="K,K,…",
-        help="data-centric: isovalues inside each visible slope (default 1,2,3,5,9,17)",
+        help=f"data-centric: isovalues inside each visible slope (default {_list(DEFAULT_PER_SLOPES)})",
     )
     group.add_argument(
         "--tolerances",
         type=values.list_of(values.tolerance),
         metavar="E,E,…",
-        help="data-centric: errors that isovalues and refinement are searched for (default 1/64,1/255)",
+        help="data-centric: errors that isovalues and refinement are searched for "
+        f"(default {_list(DEFAULT_TOLERANCES)})",
     )
     group.add_argument(
         "--steps",
         type=values.list_of(values.step),
         metavar="S,S,…",
-        help="ray casters: distances between samples [voxel] (default 4,2,1,1/2,1/4,1/8)",
+        help=f"ray casters: distances between samples [voxel] (default {_list(DEFAULT_STEPS)})",
     )
     group.add_argument(
         "--sampling",
@@ -120,7 +131,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         type=values.list_of(values.step),
         metavar="S,S,…",
         help="ray casters, with --sampling differential: steps over a pixel's footprint, s_k of Knoll et al. "
-        "(default 16,8,4,2,1)",
+        f"(default {_list(DEFAULT_PIXEL_SCALES)})",
     )
     group.add_argument(
         "--adaptive", action="store_true", help="ray casters: longer steps where the data vary little"
@@ -138,6 +149,10 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         default="exact",
         help="peak finding: from the cubic of every cell (default exact), or by secant steps, as in the paper",
     )
+
+
+def _list(numbers: Sequence[float]) -> str:
+    return ",".join(fraction_text(number) for number in numbers)
 
 
 def _add_picture_options(parser: argparse.ArgumentParser) -> None:
@@ -162,7 +177,6 @@ def run(args: argparse.Namespace) -> int:
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
     from isosample.compare.experiment import run_experiment
     from isosample.compare.report import write_report
-    from isosample.gl.context import shared_context
 
     start = time.perf_counter()
     _check_modules()
@@ -171,9 +185,9 @@ def run(args: argparse.Namespace) -> int:
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     folder = make_folder(args.output)
-    shared_context()
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     args.size = _size_of(args)
+    check_driver(args.size)
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     scene = _scene(args, volume.in_memory(), tf)
     experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box))
     with progress_bars() as progress:

@@ -110,21 +110,6 @@ def progress_bars() -> Iterator[Progress]:
         yield report
 
 
-def thousands(number: int) -> str:
-    """Return a count with thin groups of three digits: 1 234 567."""
-    return f"{number:,}".replace(",", " ")
-
-
-def byte_size(size: int) -> str:
-    """Return a number of bytes in the largest binary unit that leaves at least 1."""
-    amount, unit = float(size), "bytes"
-    for larger in ("KiB", "MiB", "GiB", "TiB"):
-        if amount < 1024:
-            break
-        amount, unit = amount / 1024, larger
-    return f"{size} bytes" if unit == "bytes" else f"{amount:.1f} {unit}"
-
-
 def seconds(duration: float) -> str:
     """Return a duration with three digits, in seconds."""
     return f"{duration:.3g} s" if duration < 100 else f"{duration:.0f} s"

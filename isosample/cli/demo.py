@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from isosample.cli import values
 from isosample.cli.arguments import SIZE_TEXT
-from isosample.cli.console import progress_bars, say, say_table, seconds, thousands
+from isosample.cli.console import progress_bars, say, say_table, seconds
 from isosample.cli.outputs import make_folder, write_json
 from isosample.cli.parser import add_command
 from isosample.defaults import DEFAULT_SIZE
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -191,9 +192,9 @@ def precompute(
     volume: Volume, tf: TransferFunction, cache: Path, took: dict[str, float], progress: Progress
 ) -> dict[str, int]:
     """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
-    from isosample.cli.precompute import folder_bytes
     from isosample.rendering.preparation import Quality, prepare_surfaces
     from isosample.surfaces.cache import content_hash, write_cache
+    from isosample.surfaces.cache_folders import folder_bytes
 
     surfaces, plan, seconds, _ = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
     took |= seconds

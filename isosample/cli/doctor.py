@@ -5,9 +5,10 @@ from __future__ import annotations
 import platform
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.console import byte_size, say_fields, say_json, say_table
+from isosample.cli.console import say_fields, say_json, say_table
 from isosample.cli.parser import add_command
 from isosample.errors import OpenGLError
+from isosample.wording import byte_size
 
 if TYPE_CHECKING:
     import argparse

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments, values
-from isosample.cli.console import byte_size, progress_bars, say_fields, say_json, thousands
+from isosample.cli.console import progress_bars, say_fields, say_json
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
 from isosample.defaults import MESH_SUFFIXES
+from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
     from isosample.cli.parser import Commands

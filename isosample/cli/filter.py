@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments, values
-from isosample.cli.console import byte_size, note, progress_bars, say_fields, say_json, seconds
+from isosample.cli.console import note, progress_bars, say_fields, say_json, seconds
 from isosample.cli.outputs import check_writable
 from isosample.cli.parser import add_command
-from isosample.defaults import VOLUME_SUFFIXES
+from isosample.defaults import DEFAULT_CONDUCTANCE, DEFAULT_ITERATIONS, DEFAULT_TIME_SHARE, VOLUME_SUFFIXES
 from isosample.errors import InputError
+from isosample.wording import byte_size, fraction_text
 
 if TYPE_CHECKING:
     import argparse
@@ -92,17 +93,20 @@ def _add_diffusion_options(group: argparse._ArgumentGroup) -> None:
         "--conductance",
         type=values.positive,
         metavar="K",
-        help="slopes far above K times the typical one are edges, and stay (default 1)",
+        help=f"slopes far above K times the typical one are edges, and stay (default {DEFAULT_CONDUCTANCE:g})",
     )
     group.add_argument(
-        "--iterations", type=values.count, metavar="N", help="steps of the diffusion (default 5)"
+        "--iterations",
+        type=values.count,
+        metavar="N",
+        help=f"steps of the diffusion (default {DEFAULT_ITERATIONS})",
     )
     group.add_argument(
         "--time-step",
         type=values.positive,
         metavar="T",
-        help="length of a step [world squared]; must be stable (default 3/8 of the longest stable step: 1/16 at a "
-        "spacing of 1)",
+        help=f"length of a step [world squared]; must be stable (default {DEFAULT_TIME_SHARE:g} of the longest stable "
+        f"step: {fraction_text(DEFAULT_TIME_SHARE / 6)} at a spacing of 1)",
     )
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.console import byte_size, say, say_fields, say_json, say_table, thousands
+from isosample.cli.console import say, say_fields, say_json, say_table
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
 from isosample.errors import InputError
+from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -28,6 +29,7 @@ HISTOGRAM_WIDTH = 40  # [character]
 EXAMPLE = """\
 isosample info head.nrrd
 isosample info head.nrrd --tf bone.json --plan --histogram head_histogram.png
+isosample info head.nrrd --suggest bone.json --histogram head_histogram.png
 isosample info head.raw --shape 256,256,128 --dtype uint16 --json"""
 
 
@@ -49,7 +51,15 @@ def add_parser(commands: Commands) -> None:
         metavar="FILE",
         help="PNG file for a plot of the histogram and the transfer function",
     )
-    arguments.add_plan_options(parser)
+    parser.add_argument(
+        "--suggest",
+        type=Path,
+        metavar="FILE",
+        help="JSON file for the transfer function that is suggested from the histogram: something to begin with",
+    )
+    arguments.add_plan_options(
+        parser, without="none, or where one is needed, one suggested from the histogram"
+    )
     arguments.add_volume_options(parser)
 
 
@@ -57,12 +67,14 @@ def run(args: argparse.Namespace) -> int:
     """Open the volume, describe it, and plot it where asked for."""
     from isosample.cli.sources import load_transfer_function, open_source_volume
 
-    if args.histogram is not None:
-        check_suffix(args.histogram, (".png",), "a plot")
-        inputs = [path for path in (args.volume, args.tf) if path is not None]
-        check_writable({"--histogram": args.histogram}, inputs)
+    _check_outputs(args)
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.volume)
+    if args.suggest is not None:
+        from isosample.transfer.transfer_function import TransferFunction
+
+        given = TransferFunction.suggest(volume)
+        given.save(args.suggest)
     description = describe(volume)
     transfer_function, plan = _plan(args, volume, given)
     if args.json:
@@ -78,6 +90,24 @@ def run(args: argparse.Namespace) -> int:
 
         plot_histogram(volume, transfer_function, path=args.histogram, plan=plan)
     return 0
+
+
+def _check_outputs(args: argparse.Namespace) -> None:
+    """Raise unless both files can be written, and made."""
+    if args.suggest is not None:
+        check_suffix(args.suggest, (".json",), "a transfer function")
+        if args.tf is not None:
+            raise InputError(
+                f"--suggest {args.suggest} writes a transfer function and --tf {args.tf} reads one; leave out one of "
+                "them."
+            )
+    if args.histogram is not None:
+        from isosample.transfer.plot import check_matplotlib
+
+        check_suffix(args.histogram, (".png",), "a plot")
+        check_matplotlib()
+    inputs = [path for path in (args.volume, args.tf) if path is not None]
+    check_writable({"--histogram": args.histogram, "--suggest": args.suggest}, inputs)
 
 
 def describe(volume: Volume) -> dict[str, Any]:

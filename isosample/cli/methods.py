@@ -5,18 +5,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.defaults import DATA_CENTRIC as DATA_CENTRIC
+from isosample.defaults import (
+    CHOSEN_FROM,
+    COMPARED_METHODS,
+    DATA_CENTRIC,
+    PEAK_FINDING,
+    POST_CLASSIFIED,
+    PRE_INTEGRATED,
+    RAYCAST_METHODS,
+    REFERENCE,
+)
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
     import argparse
 
-REFERENCE = "reference"
-POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING = "post-classified", "pre-integrated", "peak-finding"
-RAYCAST_METHODS = (POST_CLASSIFIED, PRE_INTEGRATED, PEAK_FINDING)
-METHODS = (DATA_CENTRIC, *RAYCAST_METHODS, REFERENCE)
+METHODS = (*COMPARED_METHODS, REFERENCE)
 AUTO = "auto"
-CHOSEN_FROM = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)  # by --method auto
 STEP_OPTIONS = ("step", "sampling", "pixel_scale", "adaptive", "jitter")  # a tolerance decides in their place
 
 SURFACE_OPTIONS = {  # with their defaults
@@ -33,6 +38,7 @@ SURFACE_OPTIONS = {  # with their defaults
     "curved": None,
     "strict": False,
     "error_map": None,
+    "mesh_budget": None,
 }
 RAYCAST_OPTIONS = {  # None unless given; the methods that each belongs to
     "step": RAYCAST_METHODS,

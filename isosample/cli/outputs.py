@@ -73,6 +73,20 @@ def nearest_existing(folder: Path) -> Path:
     return place
 
 
+def check_driver(size: tuple[int, int]) -> None:
+    """Raise before the long work if there is no usable OpenGL, or a picture is larger than it allows.
+
+    Raises
+    ------
+    OpenGLError, CapacityError
+        As `shared_context` and `check_picture_fits`.
+    """
+    from isosample.gl.context import shared_context
+    from isosample.rendering.picture_target import check_picture_fits
+
+    check_picture_fits(shared_context(), size)
+
+
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write a JSON file, whole or not at all."""
     from isosample.cli.console import json_text

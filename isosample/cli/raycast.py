@@ -6,16 +6,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
-from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
+from isosample.cli.console import progress_bars, say, say_fields, seconds
 from isosample.cli.methods import (
     NEEDS,
-    PEAK_FINDING,
     RAYCAST_OPTIONS,
     check_volume_is_named,
     choice_statistics,
 )
-from isosample.cli.outputs import write_json
+from isosample.cli.outputs import check_driver, write_json
 from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.defaults import PEAK_FINDING
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -39,7 +40,6 @@ def run_raycast(
 ) -> int:
     """Cast the rays of one picture, or of a film, write it, and sum up."""
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
-    from isosample.gl.context import shared_context
     from isosample.rendering.raycaster import RayCaster
 
     raycast = raycast_settings_of(args)
@@ -48,7 +48,7 @@ def run_raycast(
     if opened is None:
         given = load_transfer_function(args.tf)
         volume = open_source_volume(args, args.source)
-        shared_context()
+        check_driver(args.size)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     else:
         volume, tf, origin = opened.volume, opened.transfer_function, opened.tf_origin

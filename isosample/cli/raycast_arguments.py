@@ -5,6 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from isosample.cli import values
+from isosample.defaults import (
+    DEFAULT_PEAK_BINS,
+    DEFAULT_PEAKS,
+    DEFAULT_PIXEL_SCALE,
+    DEFAULT_ROOT_ITERATIONS,
+    DEFAULT_STEP,
+    DEFAULT_TABLE_SIZE,
+    MACROCELLS,
+    MOST_PEAKS,
+    PEAK_BIN_RANGE,
+    RAYCAST_METHODS,
+    TABLE_SIZE_RANGE,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -13,7 +26,7 @@ if TYPE_CHECKING:
 def add_raycast_options(parser: argparse.ArgumentParser) -> None:
     """Add how the ray caster samples and classifies; None where nothing is given."""
     group = parser.add_argument_group(
-        "ray caster", "with --method post-classified, pre-integrated or peak-finding only"
+        "ray caster", "with --method {}, {} or {} only".format(*RAYCAST_METHODS)
     )
     _add_sampling_options(group)
     _add_classification_options(group)
@@ -26,7 +39,7 @@ def _add_sampling_options(group: argparse._ArgumentGroup) -> None:
         type=values.step,
         metavar="VOXELS",
         help="distance between samples, in voxels of the smallest spacing, as a number or a fraction such as 1/4 "
-        "(default 0.5)",
+        f"(default {DEFAULT_STEP:g})",
     )
     group.add_argument(
         "--sampling",
@@ -38,7 +51,7 @@ def _add_sampling_options(group: argparse._ArgumentGroup) -> None:
         type=values.step,
         metavar="S",
         help="differential sampling: the first step, in pixels of an image plane one voxel in front of the eye; s_k of "
-        "Knoll et al. (default 4)",
+        f"Knoll et al. (default {DEFAULT_PIXEL_SCALE:g})",
     )
     group.add_argument(
         "--adaptive",
@@ -68,7 +81,7 @@ def _add_sampling_options(group: argparse._ArgumentGroup) -> None:
         "--macrocells",
         type=values.count,
         metavar="N",
-        help="macrocells along the longest axis, at most (default 64)",
+        help=f"macrocells along the longest axis, at most (default {MACROCELLS})",
     )
 
 
@@ -95,7 +108,9 @@ def _add_classification_options(group: argparse._ArgumentGroup) -> None:
         "--table-size",
         type=values.count,
         metavar="N",
-        help="values along an edge of that table, 2 to 1024 (default 256)",
+        help="values along an edge of that table, {} to {} (default {})".format(
+            *TABLE_SIZE_RANGE, DEFAULT_TABLE_SIZE
+        ),
     )
 
 
@@ -121,14 +136,19 @@ def _add_peak_options(group: argparse._ArgumentGroup) -> None:
         "--peak-bins",
         type=values.count,
         metavar="N",
-        help="secant: values along an edge of the peak table, 16 to 1024 (default 256)",
+        help="secant: values along an edge of the peak table, {} to {} (default {})".format(
+            *PEAK_BIN_RANGE, DEFAULT_PEAK_BINS
+        ),
     )
     group.add_argument(
         "--peaks",
         type=values.count,
         metavar="N",
-        help="secant: most peaks in one step, 1 to 4 (default 1)",
+        help=f"secant: most peaks in one step, 1 to {MOST_PEAKS} (default {DEFAULT_PEAKS})",
     )
     group.add_argument(
-        "--root-iterations", type=values.count, metavar="N", help="secant: steps to a root (default 3)"
+        "--root-iterations",
+        type=values.count,
+        metavar="N",
+        help=f"secant: steps to a root (default {DEFAULT_ROOT_ITERATIONS})",
     )

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from isosample.cli.cameras import orbit
-from isosample.cli.console import progress_bars, say_fields, seconds, thousands
+from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
 from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     import argparse

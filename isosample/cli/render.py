@@ -11,25 +11,35 @@ from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.console import progress_bars
 from isosample.cli.methods import (
     AUTO,
-    DATA_CENTRIC,
     METHODS,
-    RAYCAST_METHODS,
-    REFERENCE,
     check_method,
     choice_statistics,
 )
-from isosample.cli.outputs import check_suffix, check_writable, nearest_existing, probe_folder, write_json
+from isosample.cli.outputs import (
+    check_driver,
+    check_suffix,
+    check_writable,
+    nearest_existing,
+    probe_folder,
+    write_json,
+)
 from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
 from isosample.cli.summary import check_strict, scene_fields, summarise
 from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run_turntable
 from isosample.defaults import (
+    DATA_CENTRIC,
     DEFAULT_FRAME_RATE,
+    DEFAULT_MESH_BUDGET_BYTES,
     DEFAULT_SCREEN_ERROR,
     FILM_SUFFIXES,
     IMAGE_SUFFIXES,
+    LARGEST_GIF_RATE,
+    RAYCAST_METHODS,
+    REFERENCE,
 )
 from isosample.errors import InputError
+from isosample.wording import byte_size
 
 if TYPE_CHECKING:
     import argparse
@@ -99,7 +109,8 @@ def add_parser(commands: Commands) -> None:
         "--frame-rate",
         type=values.positive,
         metavar="F",
-        help=f"frames per second of .mp4 and .gif (default {DEFAULT_FRAME_RATE:g}); a .gif takes up to 50",
+        help=f"frames per second of .mp4 and .gif (default {DEFAULT_FRAME_RATE:g}); "
+        f"a .gif takes up to {LARGEST_GIF_RATE:g}",
     )
     parser.add_argument(
         "--stats",
@@ -129,7 +140,9 @@ def add_parser(commands: Commands) -> None:
         "be the fastest, with the preparation and all frames",
     )
     parser.set_defaults(choice=None)
-    arguments.add_plan_options(parser)
+    arguments.add_plan_options(
+        parser, without="the cache folder's own; for a volume, one suggested from the histogram"
+    )
     arguments.add_quality_options(parser)
     arguments.add_details_option(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
@@ -138,6 +151,13 @@ def add_parser(commands: Commands) -> None:
         type=Path,
         metavar="DIR",
         help="folder whose meshes of this volume are used again and added to (default: none is used)",
+    )
+    parser.add_argument(
+        "--mesh-budget",
+        type=values.byte_count,
+        metavar="SIZE",
+        help="most memory for meshes on the GPU, such as 512MiB; where there are more, they are loaded in batches, "
+        f"anew for every frame; the picture is the same (default {byte_size(DEFAULT_MESH_BUDGET_BYTES)})",
     )
     arguments.add_nan_option(parser)
     arguments.add_picture_options(parser)
@@ -270,6 +290,7 @@ def settings_of(args: argparse.Namespace) -> RenderSettings:
         background=args.background,
         clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
         stage=ResolveStage(args.stage),
+        mesh_budget_bytes=DEFAULT_MESH_BUDGET_BYTES if args.mesh_budget is None else args.mesh_budget,
     )
 
 
@@ -305,6 +326,10 @@ def _check_outputs(args: argparse.Namespace) -> None:
         check_suffix(args.stats, (".json",), "a file of statistics")
     if args.error_map:
         check_suffix(args.error_map, IMAGE_SUFFIXES, "an error map")
+        if args.error_map.suffix.lower() == ".png":
+            from isosample.rendering.error_map import check_matplotlib
+
+            check_matplotlib()
     inputs = [path for path in (args.source, args.tf, args.camera) if path is not None]
     check_writable({**outputs_of(args), "--stats": args.stats, "--error-map": args.error_map}, inputs)
     if args.cache is not None:
@@ -314,7 +339,6 @@ def _check_outputs(args: argparse.Namespace) -> None:
 def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     """Return the scene of the source; a missing driver is told before the long work."""
     from isosample.cli import sources
-    from isosample.gl.context import shared_context
 
     if opened is not None:
         scene = _extract(args, opened.volume, opened.transfer_function)
@@ -327,7 +351,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
                 f"--refine belongs to a volume file, and {args.source} is a mesh cache; its meshes are what they are. "
                 "Leave out --refine, or name the volume."
             )
-        shared_context()
+        check_driver(args.size)
         return sources.scene_from_cache(
             args.source,
             transfer_function,
@@ -336,7 +360,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
             nan_masked=args.nan == "masked",
         )
     volume = sources.open_source_volume(args, args.source)
-    shared_context()
+    check_driver(args.size)
     return _extract(args, volume, transfer_function)
 
 

@@ -217,6 +217,7 @@ def scene_from_volume(
     residuals: bool,
     cache: Path | None,
     progress: Progress,
+    **kept: Any,
 ) -> PreparedScene:
     """Plan and extract the surfaces that a picture of a volume needs.
 
@@ -229,13 +230,15 @@ def scene_from_volume(
         None: one is suggested.
     quality, residuals, cache, progress
         As for `prepare_surfaces`.
+    kept : optional
+        `plain` and `budget_bytes` of `prepare_surfaces`.
     """
     from isosample.rendering.preparation import prepare_surfaces
 
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     surfaces, plan, seconds, distance = prepare_surfaces(
-        volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress
+        volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress, **kept
     )
     return PreparedScene(
         surfaces=surfaces,

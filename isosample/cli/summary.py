@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.console import say, say_fields, seconds, thousands
+from isosample.cli.console import say, say_fields, seconds
+from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import UnrepairedError
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,8 +59,6 @@ def summarise(
     errors: dict[str, float] | None = None,
 ) -> None:
     """Write the picture's path, what it took, and how far it may be off."""
-    from isosample.rendering.preparation import AUTO_DISTANCE
-
     stats = image.stats
     width, height = stats["size"]
     fields = {
@@ -73,7 +73,7 @@ def summarise(
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
     if not stats["isovalues"] and not scene.plan.band_visible.any():
-        say("nothing is visible: the transfer function has no extinction inside the volume's range")
+        say(_nothing_visible(scene))
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
@@ -91,6 +91,18 @@ def _triangles(stats: dict[str, Any]) -> str:
     coarser, pieces = stats["skipped"]["chunks_coarser"], stats["skipped"]["chunks_of"]
     drawn = thousands(stats["triangles"]["drawn"])
     return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
+
+
+def _nothing_visible(scene: PreparedScene) -> str:
+    """Why a picture is empty, with both ranges: the transfer function may be in other units than the volume."""
+    tf, (low, high) = scene.transfer_function, scene.plan.value_range
+    visible = [point.value for slope in tf.slopes() if slope.visible for point in (slope.low, slope.high)]
+    visible += [one.value for one in tf.isosurfaces]
+    where = f"its visible part is {min(visible):g} to {max(visible):g}" if visible else "it has none at all"
+    return (
+        "nothing is visible: the transfer function has no extinction inside the volume's range, "
+        f"{low:g} to {high:g}; {where}"
+    )
 
 
 def scene_fields(scene: PreparedScene) -> dict[str, str]:

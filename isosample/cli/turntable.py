@@ -7,11 +7,12 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
-from isosample.cli.console import progress_bars, say, say_fields, seconds, thousands
+from isosample.cli.console import progress_bars, say, say_fields, seconds
 from isosample.cli.outputs import check_suffix, write_json
 from isosample.cli.summary import FLAWS, check_strict
 from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
 from isosample.errors import InputError
+from isosample.wording import thousands
 
 if TYPE_CHECKING:
     import argparse

@@ -61,6 +61,7 @@ def precompute_within(
             scan=scan,
             nan_masked=masked,
             residuals=True,
+            plain=args.plain,
             progress=progress,
         )
     write_cache(folder, surfaces, content_hash=volume_hash, transfer_function=tf, plan=plan, name=volume.name)

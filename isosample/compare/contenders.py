@@ -14,6 +14,7 @@ from isosample.rendering.preparation import Quality, prepare_surfaces
 from isosample.rendering.raycast_settings import Classification, RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.settings import RenderSettings
+from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
-METHODS = (DATA_CENTRIC, *(kind.value for kind in Classification))
 SAMPLE_BYTES = 4  # of the volume's texture
 TRIANGLE_BYTES = 48  # of a triangle, its share of the vertices and of what the host keeps of them, about
 
@@ -43,7 +43,7 @@ class Setting:
     Attributes
     ----------
     method : str
-        One of `METHODS`.
+        One of `COMPARED_METHODS`.
     parameter : Parameter
     value : float
         Step [voxel], s_k [pixel], number of isovalues, or error [RGBA].
@@ -261,9 +261,3 @@ def cost_of(stats: dict[str, Any], volume_bytes: int) -> dict[str, Any]:
         "skipped": dict(stats["skipped"]),
         "not_shown": dict(stats.get("not_shown", {})),
     }
-
-
-def fraction_text(number: float) -> str:
-    """A number, as 1/n where it is one: 0.25 is 1/4."""
-    inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
-    return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.compare import svg
-from isosample.compare.contenders import METHODS
+from isosample.defaults import COMPARED_METHODS
 from isosample.rendering.image import srgb_from_linear
 from isosample.transfer.transfer_function import TransferFunction
 
@@ -75,7 +75,7 @@ def time_against_frames(document: dict[str, Any]) -> str:
         return ""
     race = max(races, key=lambda one: (len(one["fastest"]), -one["target"]))
     by_name = {entry["name"]: entry for entry in document["entries"]}
-    chosen = [by_name[race["fastest"][method]] for method in METHODS if method in race["fastest"]]
+    chosen = [by_name[race["fastest"][method]] for method in COMPARED_METHODS if method in race["fastest"]]
     counts = np.geomspace(1, MOST_FRAMES, 41).tolist()
     curves = {
         entry["method"]: [entry["setup_seconds"] + n * entry["summary"]["frame_seconds"] for n in counts]
@@ -85,14 +85,14 @@ def time_against_frames(document: dict[str, Any]) -> str:
     y = svg.around([s for c in curves.values() for s in c], start=svg.HEIGHT - svg.BOTTOM, stop=svg.TOP)
     body = svg.frame(x, y, x_label="frames of one scene", y_label="seconds in all, setup included")
     for entry in chosen:
-        kind, course = METHODS.index(entry["method"]), curves[entry["method"]]
+        kind, course = COMPARED_METHODS.index(entry["method"]), curves[entry["method"]]
         places = [(x.place(n), y.place(s)) for n, s in zip(counts, course, strict=True)]
         body += svg.line(places, f"line s{kind}")
         for n in (1, 10, 100, 1000, MOST_FRAMES):
             total = entry["setup_seconds"] + n * entry["summary"]["frame_seconds"]
             told = f"{entry['method']}, {entry['label']}: {n} frames in {total:.3g} s"
             body += svg.point(x.place(n), y.place(total), kind, told, ringed=False)
-    body += svg.legend([(METHODS.index(entry["method"]), entry["method"]) for entry in chosen])
+    body += svg.legend([(COMPARED_METHODS.index(entry["method"]), entry["method"]) for entry in chosen])
     title = f"Time against frames at RMSE {race['target']:g}"
     told = f"Every method at its fastest setting with an RMSE of at most {race['target']:g}."
     return svg.drawing(body, title=title, description=told)
@@ -137,7 +137,7 @@ def _scatter(entries: Sequence[Entry], cost: Callable[[Entry], float], *, title:
     y = svg.around([one for _, one in points], start=svg.HEIGHT - svg.BOTTOM, stop=svg.TOP)
     places = [(x.place(one), y.place(other)) for one, other in points]
     front = pareto(points)
-    methods = [method for method in METHODS if any(entry["method"] == method for entry in entries)]
+    methods = [method for method in COMPARED_METHODS if any(entry["method"] == method for entry in entries)]
     body = svg.frame(x, y, x_label=x_label, y_label="RMSE against the reference")
     body += svg.line([places[index] for index in front], "front")
     for method, parameter in dict.fromkeys((entry["method"], entry["parameter"]) for entry in entries):
@@ -146,13 +146,16 @@ def _scatter(entries: Sequence[Entry], cost: Callable[[Entry], float], *, title:
             for place, entry in zip(places, entries, strict=True)
             if (entry["method"], entry["parameter"]) == (method, parameter)
         ]
-        body += svg.line(own, f"line s{METHODS.index(method)}")
+        body += svg.line(own, f"line s{COMPARED_METHODS.index(method)}")
     for index, entry in enumerate(entries):
         on_front = index in front
         body += svg.point(
-            *places[index], METHODS.index(entry["method"]), _told(entry, on_front=on_front), ringed=on_front
+            *places[index],
+            COMPARED_METHODS.index(entry["method"]),
+            _told(entry, on_front=on_front),
+            ringed=on_front,
         )
-    body += svg.legend([(METHODS.index(method), method) for method in methods])
+    body += svg.legend([(COMPARED_METHODS.index(method), method) for method in methods])
     count = len(front)
     told = (
         f"{len(entries)} settings of {len(methods)} methods; {count} of them are on the Pareto front, ringed."

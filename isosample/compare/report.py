@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.compare import plots, svg
-from isosample.compare.contenders import METHODS
 from isosample.compare.false_color import (
     DIFFERENCE_COLORS,
     ERROR_COLORS,
@@ -22,6 +21,7 @@ from isosample.compare.false_color import (
 )
 from isosample.compare.report_tables import facts, tables
 from isosample.compare.results import write_results, write_table
+from isosample.defaults import COMPARED_METHODS
 from isosample.errors import MissingDependencyError
 from isosample.files import replacing
 
@@ -156,7 +156,7 @@ def render_report(document: dict[str, Any], figures: dict[str, str], pictures: S
 def chosen_entries(entries: Sequence[Entry], most: int) -> list[Entry]:
     """At most so many of every method, evenly from its coarsest to its finest."""
     found: list[Entry] = []
-    for method in METHODS:
+    for method in COMPARED_METHODS:
         own = [entry for entry in entries if entry["method"] == method]
         places = np.unique(np.rint(np.linspace(0, len(own) - 1, min(most, len(own)))).astype(int))
         found += [own[place] for place in places.tolist()]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
 ABSENT = "–"
 WHOLES = {"brick_visits_of": ("brick_visits",), "chunks_of": ("chunks_outside_view", "chunks_clipped")}
-UNITS = ("B", "KiB", "MiB", "GiB", "TiB")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,16 +180,8 @@ def _machine_facts(machine: Document, reference: Document) -> list[tuple[str, st
 # -- cells ----------------------------------------------------------------------------------------
 
 
-def byte_size(size: float | None) -> str:
-    """Bytes in the largest unit that leaves at least 1."""
-    if size is None:
-        return ABSENT
-    place = min(int(math.log(max(size, 1), 1024)), len(UNITS) - 1)
-    return f"{size / 1024**place:.3g} {UNITS[place]}"
-
-
 def _count(number: float | None) -> str:
-    return ABSENT if number is None else f"{round(number):,}".replace(",", " ")
+    return ABSENT if number is None else thousands(round(number))
 
 
 def _vector(numbers: Sequence[float]) -> str:
@@ -213,6 +205,14 @@ def _number(name: str, pattern: str) -> Cell:
     def cell(entry: Document) -> str:
         value = entry["summary"][name]
         return ABSENT if value is None else format(value, pattern)
+
+    return cell
+
+
+def _bytes(name: str) -> Cell:
+    def cell(entry: Document) -> str:
+        size = entry["summary"][name]
+        return ABSENT if size is None else byte_size(round(size))
 
     return cell
 
@@ -246,5 +246,5 @@ _COSTS: tuple[tuple[str, str, Cell], ...] = (
     ("triangles", "extracted", _whole("triangles_extracted")),
     ("drawn", "triangles", _whole("triangles_drawn")),
     ("fragments", "in the lists", _whole("fragments")),
-    ("on the GPU", "volume, or meshes and lists", lambda e: byte_size(e["summary"]["bytes"])),
+    ("on the GPU", "volume, or meshes and lists", _bytes("bytes")),
 )

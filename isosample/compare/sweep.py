@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from isosample.compare.contenders import METHODS, Parameter, Setting
-from isosample.defaults import DATA_CENTRIC
+from isosample.compare.contenders import Parameter, Setting
+from isosample.defaults import (
+    COMPARED_METHODS,
+    DATA_CENTRIC,
+    DEFAULT_PER_SLOPES,
+    DEFAULT_PIXEL_SCALES,
+    DEFAULT_STEPS,
+    DEFAULT_TOLERANCES,
+)
 from isosample.errors import InputError
 from isosample.rendering.raycast_settings import Sampling
 
@@ -17,7 +24,7 @@ class Sweep:
     Attributes
     ----------
     methods : tuple of str
-        Of `contenders.METHODS`.
+        Of `COMPARED_METHODS`.
     steps : tuple of float
         Ray casters, uniform sampling [voxel].
     pixel_scales : tuple of float
@@ -33,18 +40,18 @@ class Sweep:
         If a method is unknown or comes twice, or there is none.
     """
 
-    methods: tuple[str, ...] = METHODS
-    steps: tuple[float, ...] = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
-    pixel_scales: tuple[float, ...] = (16.0, 8.0, 4.0, 2.0, 1.0)
-    per_slopes: tuple[int, ...] = (1, 2, 3, 5, 9, 17)
-    tolerances: tuple[float, ...] = (1 / 64, 1 / 255)
+    methods: tuple[str, ...] = COMPARED_METHODS
+    steps: tuple[float, ...] = DEFAULT_STEPS
+    pixel_scales: tuple[float, ...] = DEFAULT_PIXEL_SCALES
+    per_slopes: tuple[int, ...] = DEFAULT_PER_SLOPES
+    tolerances: tuple[float, ...] = DEFAULT_TOLERANCES
 
     def __post_init__(self) -> None:
         if not self.methods or len(set(self.methods)) != len(self.methods):
             raise InputError(f"methods {self.methods} must be one or more, each once.")
         for method in self.methods:
-            if method not in METHODS:
-                raise InputError(f"method {method!r} must be one of {', '.join(METHODS)}.")
+            if method not in COMPARED_METHODS:
+                raise InputError(f"method {method!r} must be one of {', '.join(COMPARED_METHODS)}.")
 
     def settings(self, sampling: Sampling) -> list[list[Setting]]:
         """Return the settings of every method, from coarse to fine.

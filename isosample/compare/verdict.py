@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.defaults import DATA_CENTRIC
+from isosample.defaults import DATA_CENTRIC, PEAK_FINDING, POST_CLASSIFIED, PRE_INTEGRATED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 TARGETS = (0.005, 0.002, 0.001)  # RMSE at which methods are held against each other
 NOUNS = {
     DATA_CENTRIC: "the data-centric method",
-    "post-classified": "post-classification",
-    "pre-integrated": "pre-integration",
-    "peak-finding": "peak finding",
+    POST_CLASSIFIED: "post-classification",
+    PRE_INTEGRATED: "pre-integration",
+    PEAK_FINDING: "peak finding",
 }
 LEVEL = 1.05  # times that differ by less are called level: medians of a few frames tell no more
 

@@ -192,6 +192,11 @@ def quantile(values: F32) -> float:
     return float(np.quantile(values, SHOWN_QUANTILE)) if values.size else 0.0
 
 
+def check_matplotlib() -> None:
+    """Raise `MissingDependencyError` if an error map cannot be written as PNG here."""
+    _matplotlib()
+
+
 def _matplotlib() -> tuple[Any, Any, Any]:
     """Figure, canvas and logarithmic scale."""
     try:

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
+from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES, LARGEST_GIF_RATE
 from isosample.errors import InputError
 from isosample.files import replacing
 from isosample.rendering.image import Image, srgb_from_linear
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import PIL.Image
 
 LARGEST_FRAME_RATE = 1000.0
-LARGEST_GIF_RATE = 50.0  # viewers play shorter delays than 1/50 s at a slow rate of their own
 LARGEST_COUNT = 100_000
 LEAST_DIGITS = 3
 MP4_QUALITY = "16"  # x264's rate factor: what is lost is not seen; 0 loses nothing, 51 nearly all

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import MAX_CLIP_PLANES
 from isosample.errors import InputError, ShaderError
 from isosample.gl.layouts import Packing, constants, struct_dtypes
 from isosample.gl.shader_source import shader_root
-from isosample.rendering.settings import MAX_CLIP_PLANES
 
 if TYPE_CHECKING:
     from isosample.rendering.camera import Camera, Rays

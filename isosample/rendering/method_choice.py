@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isosample.defaults import DATA_CENTRIC as DATA_CENTRIC
-from isosample.defaults import DEFAULT_SIZE
+from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, DEFAULT_SIZE, PEAK_FINDING, PRE_INTEGRATED
 from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
@@ -35,10 +34,6 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-
-PRE_INTEGRATED = Classification.PRE_INTEGRATED.value
-PEAK_FINDING = Classification.PEAK_FINDING.value
-CHOICES = (DATA_CENTRIC, PRE_INTEGRATED, PEAK_FINDING)
 
 # What the seconds of a stage go with; `start` is what every picture costs. The names are those of `SceneLoad`.
 FEATURES: dict[str, tuple[str, ...]] = {
@@ -140,7 +135,7 @@ def choose_method(
     settings: RenderSettings | None = None,
     quality: Quality | None = None,
     raycast: RaycastSettings | None = None,
-    among: Sequence[str] = CHOICES,
+    among: Sequence[str] = CHOSEN_FROM,
     software: bool | None = None,
 ) -> MethodChoice:
     """Choose the method that is expected to take the least time for all frames with their preparation.
@@ -187,9 +182,9 @@ def choose_method(
     check_size(size)
     settings, quality = settings or RenderSettings(), quality or Quality()
     raycast = raycast or RaycastSettings(reconstruction=quality.reconstruction)
-    unknown = sorted(set(among) - set(CHOICES))
+    unknown = sorted(set(among) - set(CHOSEN_FROM))
     if unknown or not among:
-        raise InputError(f"methods {list(among)} must be some of {', '.join(CHOICES)}.")
+        raise InputError(f"methods {list(among)} must be some of {', '.join(CHOSEN_FROM)}.")
     check_volume(volume, ExtractionSettings(nan_masked=True, reconstruction=quality.reconstruction))
     cameras = cameras or [Camera.orbit(volume.box, aspect=size[0] / size[1])]
     plan = plan_for(volume, transfer_function, quality)
@@ -256,7 +251,7 @@ def estimate_cost(
     Parameters
     ----------
     method : str
-        One of `CHOICES`.
+        One of `CHOSEN_FROM`.
     load : SceneLoad
     costs : mapping
         Of `costs_of`.

@@ -43,12 +43,7 @@ class PictureTarget:
         """
         if self._framebuffer is not None and self._framebuffer.size == (width, height):
             return False
-        found = limits(self._ctx)
-        largest = min(*found.framebuffer_size, found.texture_size)
-        if max(width, height) > largest:
-            raise CapacityError(
-                f"a picture of {width} x {height} pixels is larger than this driver's {largest}; ask for a smaller one."
-            )
+        check_picture_fits(self._ctx, (width, height))
         self.release()
         self._texture = self._ctx.texture((width, height), 4, dtype="f4")
         self._framebuffer = self._ctx.framebuffer([self._texture])
@@ -101,3 +96,14 @@ class PictureTarget:
         if self._texture is not None:
             self._texture.release()
         self._framebuffer = self._texture = None
+
+
+def check_picture_fits(ctx: moderngl.Context, size: tuple[int, int]) -> None:
+    """Raise `CapacityError` if a picture of so many pixels, (width, height), is larger than the driver allows."""
+    found = limits(ctx)
+    largest = min(*found.framebuffer_size, found.texture_size)
+    if max(size) > largest:
+        width, height = size
+        raise CapacityError(
+            f"a picture of {width} x {height} pixels is larger than this driver's {largest}; ask for a smaller one."
+        )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
+from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.detail import MOST_DETAILS, with_details
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from isosample.volume.scan import BrickScan
 
     Progress = Callable[[str, int, int], None]
-
-AUTO_DISTANCE = 0.01  # rms distance between mesh and isosurface that `refine=None` asks for [voxel]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +117,8 @@ def prepare_surfaces(
     nan_masked: bool = False,
     residuals: bool = False,
     cache: Path | None = None,
+    plain: bool = False,
+    budget_bytes: int | None = None,
     progress: Progress | None = None,
 ) -> PreparedSurfaces:
     """Plan and extract what a picture needs.
@@ -135,6 +135,8 @@ def prepare_surfaces(
         for ``refine=None``.
     cache : path, optional
         Folder whose surfaces of this volume are used again and added to.
+    plain, budget_bytes
+        As for `extract_with_cache`, where there is a `cache`.
     progress : callable, optional
         Called with the stage, steps done and steps in all.
 
@@ -152,8 +154,17 @@ def prepare_surfaces(
     """
     start = time.perf_counter()
     if quality.tolerance is not None:
-        found = _for_tolerance(volume, transfer_function, quality, nan_masked, cache, progress)
-        return _with_details(found, volume, quality.details, cache, progress)
+        found = _for_tolerance(
+            volume,
+            transfer_function,
+            quality,
+            nan_masked,
+            progress,
+            cache=cache,
+            plain=plain,
+            budget_bytes=budget_bytes,
+        )
+        return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
     refine, distance = quality.refine, None
@@ -164,16 +175,26 @@ def prepare_surfaces(
         surfaces, distance = _refined_enough(volume, plan, quality, options)
         refine = surfaces.settings.refine
     if cache is not None:
-        surfaces = _extract_into(cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options)
+        kept: dict[str, Any] = {"plain": plain, "budget_bytes": budget_bytes}
+        surfaces = _extract_into(
+            cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options, **kept
+        )
     elif distance is None:
         surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=residuals, **options)
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
     found = PreparedSurfaces(surfaces, plan, seconds, distance)
-    return _with_details(found, volume, quality.details, cache, progress)
+    return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
+
+
+class _Cache(NamedTuple):
+    """A cache folder, where there is one, and what kind of chunks are added to it."""
+
+    folder: Path | None
+    plain: bool
 
 
 def _with_details(
-    prepared: PreparedSurfaces, volume: Volume, details: int, cache: Path | None, progress: Progress | None
+    prepared: PreparedSurfaces, volume: Volume, details: int, cache: _Cache, progress: Progress | None
 ) -> PreparedSurfaces:
     """Add coarser details, from the cache folder where there is one."""
     if details == 0:
@@ -186,8 +207,8 @@ def _with_details(
         if detail == 0:
             return surfaces
         options = replace(surfaces.settings, detail=detail).as_keywords() | _told(progress, detail)
-        if cache is not None:
-            return _extract_into(cache, volume, isovalues, **options)
+        if cache.folder is not None:  # without a budget: it might make room by what the finest needs
+            return _extract_into(cache.folder, volume, isovalues, plain=cache.plain, **options)
         return extract_surfaces(volume, isovalues, **options)
 
     coarser = with_details(extracted, details)
@@ -234,13 +255,14 @@ def prepare_stored_surfaces(
     scan: BrickScan,
     nan_masked: bool = False,
     residuals: bool = False,
+    plain: bool = False,
     progress: Progress | None = None,
 ) -> PreparedInStore:
     """Plan and extract what a picture needs into a cache folder, with a memory budget.
 
     Parameters
     ----------
-    volume, transfer_function, quality, nan_masked, residuals, progress
+    volume, transfer_function, quality, nan_masked, residuals, plain, progress
         As for `prepare_surfaces`.
     lists : SurfaceLists
         Name the cache folder and the volume's content; what its chunks hold is not extracted again.
@@ -276,7 +298,7 @@ def prepare_stored_surfaces(
             residuals=residuals or quality.refine is None,
             detail=detail,
         )
-        store = MeshStore(lists.folder)
+        store = MeshStore(lists.folder, plain=plain)
         told = _told(progress, detail)
         return extract_into_store(
             volume, plan.isovalues, store, settings=settings, memory=memory, scan=scan, lists=lists, **told
@@ -318,8 +340,10 @@ def _for_tolerance(
     transfer_function: TransferFunction,
     quality: Quality,
     nan_masked: bool,
-    cache: Path | None,
     progress: Progress | None,
+    *,
+    cache: Path | None,
+    **kept: Any,
 ) -> PreparedSurfaces:
     """Search for a plan; its surfaces go through the cache where there is one."""
     from isosample.rendering.tolerance import plan_for_tolerance
@@ -348,6 +372,7 @@ def _for_tolerance(
             refine=found.refine,
             residuals=True,
             progress=None if progress is None else partial(progress, "extract"),
+            **kept,
         )
     return PreparedSurfaces(
         surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned}

@@ -6,25 +6,32 @@ import enum
 import math
 from dataclasses import dataclass
 
+from isosample import defaults
+from isosample.defaults import (
+    DEFAULT_PEAK_BINS,
+    DEFAULT_PEAKS,
+    DEFAULT_PIXEL_SCALE,
+    DEFAULT_ROOT_ITERATIONS,
+    DEFAULT_STEP,
+    DEFAULT_TABLE_SIZE,
+    MACROCELLS,
+    MOST_PEAKS,
+    PEAK_BIN_RANGE,
+    TABLE_SIZE_RANGE,
+)
 from isosample.errors import InputError
-from isosample.transfer.peaks import MOST_PEAKS
-from isosample.volume.macrocells import MACROCELLS
 from isosample.volume.reconstruction import Reconstruction
 
-DEFAULT_STEP = 0.5  # [voxel]
-DEFAULT_PIXEL_SCALE = 4.0  # s_k of Knoll et al. 2009, section 5.3
 SMALLEST_STEP, LARGEST_STEP = 1.0 / 1024.0, 64.0  # [voxel]
 SMALLEST_PIXEL_SCALE, LARGEST_PIXEL_SCALE = 1.0 / 64.0, 1024.0
-TABLE_SIZE_RANGE = (2, 1024)
-PEAK_BIN_RANGE = (16, 1024)
 
 
 class Classification(enum.Enum):
     """What is made of the values along a ray."""
 
-    POST_CLASSIFIED = "post-classified"
-    PRE_INTEGRATED = "pre-integrated"
-    PEAK_FINDING = "peak-finding"
+    POST_CLASSIFIED = defaults.POST_CLASSIFIED
+    PRE_INTEGRATED = defaults.PRE_INTEGRATED
+    PEAK_FINDING = defaults.PEAK_FINDING
 
 
 class Sampling(enum.Enum):
@@ -139,14 +146,14 @@ class RaycastSettings:
     jitter: int | None = None
     quadrature: Quadrature = Quadrature.TRAPEZOID
     integration: Integration = Integration.EXACT
-    table_size: int = 256
+    table_size: int = DEFAULT_TABLE_SIZE
     transfer_lookup: TransferLookup = TransferLookup.EXACT
     peak_mode: PeakMode = PeakMode.BOTH
     peak_weight: PeakWeight = PeakWeight.PAPER
     crossings: Crossings = Crossings.SECANT
-    peak_bins: int = 256
-    peaks: int = 1
-    root_iterations: int = 3
+    peak_bins: int = DEFAULT_PEAK_BINS
+    peaks: int = DEFAULT_PEAKS
+    root_iterations: int = DEFAULT_ROOT_ITERATIONS
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     filtering: Filtering = Filtering.SHADER
     skipping: bool = True

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isosample.defaults import DEFAULT_SIZE
+from isosample.defaults import DEFAULT_SIZE, REFERENCE
 from isosample.errors import InputError
 from isosample.integral.reference import DEFAULT_TOLERANCE, ReferenceTracer, processors
 from isosample.rendering.camera import Camera
@@ -164,7 +164,7 @@ def _statistics(
     samples = counts[:, COUNT_NAMES.index("cells")]
     return {
         "renderer": f"numba, float64, {processors()} threads",
-        "method": "reference",
+        "method": REFERENCE,
         "reconstruction": reconstruction.value,
         "size": list(size),
         "seconds": {stage: round(spent, 6) for stage, spent in seconds.items()},

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import MACROCELLS
 from isosample.rendering.transfer_texture import visible_intervals
 from isosample.volume.bricks import BRICK_CELLS
 from isosample.volume.cell_sample import sample_cells
-from isosample.volume.macrocells import MACROCELLS, MacrocellGrid
+from isosample.volume.macrocells import MacrocellGrid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

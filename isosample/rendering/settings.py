@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isosample.defaults import DEFAULT_SCREEN_ERROR
+from isosample.defaults import DEFAULT_MESH_BUDGET_BYTES, DEFAULT_SCREEN_ERROR, MAX_CLIP_PLANES
 from isosample.errors import InputError
 from isosample.integral.segment_rule import SegmentRule as SegmentRule
 
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DEFAULT_FRAGMENT_BUDGET_BYTES = 512 << 20
-DEFAULT_MESH_BUDGET_BYTES = 2 << 30
 DEFAULT_MIN_TRANSMITTANCE = (
     2.0**-20
 )  # what is left behind changes a pixel by less than 1e-6 of the brightest colour
-MAX_CLIP_PLANES = 8  # shaders/lib/layouts.glsl has the same; the frame checks that they agree
 
 
 class ResolveStage(enum.Enum):

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import MOST_PEAKS
 from isosample.errors import CapacityError, InputError
 
 if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
 
 NO_PEAK = 0xFFFF
-MOST_PEAKS = 4  # of an entry of the table
 
 
 class TransferPeak(NamedTuple):

@@ -47,16 +47,10 @@ def plot_histogram(
     InputError
         If no sample is finite, or the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError(
-            'a plot needs matplotlib. Install it with: pip install "isosample[plot]"'
-        ) from error
+    figure_type, canvas_type = _matplotlib()
     counts, edges = histogram(volume)
-    figure = Figure(figsize=(8.0, 4.2), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = figure_type(figsize=(8.0, 4.2), dpi=120, layout="constrained")
+    canvas_type(figure)
     axes = figure.add_subplot()
     axes.stairs(counts, edges, fill=True, color=BARS)
     axes.set_yscale("log")
@@ -117,3 +111,20 @@ def _draw_transfer_function(axes: Any, tf: TransferFunction) -> Any:
     right.set_ylim(0.0, top)
     right.set_ylabel("extinction [1/world unit]" + (" · impulses by opacity" if impulses else ""))
     return right
+
+
+def check_matplotlib() -> None:
+    """Raise `MissingDependencyError` if no plot can be made here."""
+    _matplotlib()
+
+
+def _matplotlib() -> tuple[Any, Any]:
+    """Figure and canvas."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise MissingDependencyError(
+            'a plot needs matplotlib. Install it with: pip install "isosample[plot]".'
+        ) from error
+    return Figure, FigureCanvasAgg

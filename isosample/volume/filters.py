@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from isosample.defaults import DEFAULT_CONDUCTANCE, DEFAULT_ITERATIONS, DEFAULT_TIME_SHARE
 from isosample.errors import InputError
 from isosample.volume.readers.itk import simpleitk
 
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     F32 = npt.NDArray[np.float32]
     Progress = Callable[[int, int], None]
 
-DEFAULT_CONDUCTANCE = 1.0
-DEFAULT_ITERATIONS = 5
-DEFAULT_TIME_SHARE = 0.375  # of the longest stable step: 1/16 for a spacing of 1, what ITK recommends
 GAUSSIAN_ERROR = 1e-4  # of the kernel's sum, beyond which it is cut off
 LARGEST_KERNEL = 1 << 12  # samples
 LARGEST_RADIUS = 16  # samples: a median of 33³ of them

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import MACROCELLS
 from isosample.errors import InputError
 from isosample.volume.lazy import lazily
 from isosample.volume.reconstruction import GridSpline
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     Bytes = npt.NDArray[np.uint8]
     Layers = SampleArray | LazySamples
 
-MACROCELLS = 64  # along the longest axis
 LARGEST_LEAP = 255
 LARGEST_MULTIPLIER = 16
 

@@ -32,7 +32,7 @@ def test_ls_tells_what_each_cache_holds(run: Run, cache: Path) -> None:
     heads, row, total = outcome.out.splitlines()
     assert heads.split() == ["cache", "volume", "samples", "isosurfaces", "meshes", "size", "used"]
     assert row.split()[:5] == ["meshes", "blob.npy", "10x9x8", str(entry["surfaces"]), str(entry["chunks"])]
-    assert total.startswith("1 caches, ")
+    assert total.startswith("1 cache, ")
 
 
 def test_the_folder_of_all_caches_is_the_default(
@@ -103,6 +103,8 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
         .startswith("3 ")
     )
     assert chunks(cache) == there
+    foretold = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run --json")
+    assert json.loads(foretold.out)["bytes_left"] == budget
     outcome = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB")
     assert outcome.status == 0
     assert outcome.fields()["removed"].startswith("3 meshes, ")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from cli.harness import TF, Run, blob
+from cli.harness import TF, Run, blob, content
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
     from isosample.volume.grid import SampleArray
@@ -157,3 +159,40 @@ def test_the_histogram_is_a_picture(run: Run) -> None:
     assert outcome.status == 0, outcome.err
     with Image.open("out.png") as picture:
         assert min(picture.size) > 100
+
+
+def test_a_suggested_transfer_function_is_written_and_is_the_one_that_is_rendered(
+    run: Run, folder: Path
+) -> None:
+    outcome = run("info blob.npy --suggest begin.json --plan --json")
+    assert (outcome.status, outcome.err) == (0, "")
+    suggested = TransferFunction.suggest(Volume(blob()))
+    assert TransferFunction.load(folder / "begin.json") == suggested
+    assert "bytes" in json.loads(outcome.out)
+    assert json.loads(outcome.out)["plan"] == json.loads(run("info blob.npy --plan --json").out)["plan"]
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ("--suggest begin.png", "begin.png ends in .png; a transfer function ends in .json"),
+        ("--suggest begin.json --tf tf.json", "leave out one of them"),
+        ("--suggest blob.npy", "blob.npy ends in .npy"),
+        ("--suggest absent/begin.json", "the folder absent does not exist"),
+    ],
+)
+def test_a_suggestion_that_has_no_place_is_refused(run: Run, folder: Path, options: str, named: str) -> None:
+    before = content(folder)
+    outcome = run(f"info blob.npy {options}")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert named in outcome.err
+    assert content(folder) == before
+
+
+def test_a_plot_that_cannot_be_made_is_told_before_the_volume_is_opened(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    outcome = run("info absent.npy --histogram out.png")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "isosample[plot]" in outcome.err

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import enum
+import re
+from inspect import signature
 from itertools import product
 from typing import TYPE_CHECKING
 
 import pytest
 
 from cli.harness import Run, content
-from isosample.cli import build_parser
+from isosample.cli import build_parser, values
 from isosample.cli.methods import (
     METHODS,
-    RAYCAST_METHODS,
     RAYCAST_OPTIONS,
     SURFACE_OPTIONS,
     WRITTEN,
     option,
 )
 from isosample.cli.raycast import raycast_settings_of
-from isosample.rendering.raycast_settings import RaycastSettings
+from isosample.compare.sweep import Sweep
+from isosample.defaults import CHOSEN_FROM, COMPARED_METHODS, RAYCAST_METHODS
+from isosample.rendering.raycast_settings import Classification, RaycastSettings
+from isosample.surfaces.settings import REFINEMENTS
+from isosample.volume.filters import anisotropic_diffusion
+from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +56,7 @@ OWNERS = {  # of every option of the ray caster, as written on a command line
 }
 MESHES = {
     "--cache meshes",
+    "--mesh-budget 1GiB",
     "--per-slope 3",
     "--tolerance 1/255",
     "--max-isovalues 9",
@@ -157,6 +165,53 @@ def test_a_cache_folder_is_no_source_of_the_ray_caster(run: Run, cache: Path, me
     assert outcome.status == 2
     for part in (cache.name, f"--method {method}", "name the volume file"):
         assert part in outcome.err
+
+
+def help_of(command: str) -> dict[str, str]:
+    """Return what the options of a command say, by their name in the arguments."""
+    commands = next(action for action in build_parser()._actions if action.dest == "command")
+    assert isinstance(commands.choices, dict)
+    return {action.dest: action.help or "" for action in commands.choices[command]._actions}
+
+
+def test_help_tells_the_defaults_of_the_settings() -> None:
+    texts, settings = help_of("render"), RaycastSettings()
+    told = {}
+    for name in RAYCAST_OPTIONS:
+        default = getattr(settings, name)
+        word = default.value if isinstance(default, enum.Enum) else default
+        if found := re.search(r"\bdefault ([^\s),]+)", texts[name]):
+            told[name] = found[1]
+            assert found[1] == (f"{word:g}" if isinstance(word, int | float) else word), name
+        elif isinstance(default, enum.Enum):  # an alternative of several that are explained
+            assert re.search(rf"(^|\W){word}\W[^:;]*.*\(default\)|: .*\(default\)", texts[name]), name
+    assert {"step", "pixel_scale", "macrocells", "table_size", "peaks", "crossings", "peak_weight"} <= set(
+        told
+    )
+
+
+def test_help_tells_the_defaults_of_a_comparison_and_of_the_filters() -> None:
+    texts, sweep = help_of("compare"), Sweep()
+    for name in ("steps", "pixel_scales", "per_slopes", "tolerances"):
+        written = ",".join(fraction_text(value) for value in getattr(sweep, name))
+        assert f"(default {written})" in texts[name]
+    assert "64" in help_of("render")["macrocells"]
+    texts = help_of("filter")
+    defaults = {name: one.default for name, one in signature(anisotropic_diffusion).parameters.items()}
+    assert f"(default {defaults['conductance']:g})" in texts["conductance"]
+    assert f"(default {defaults['iterations']})" in texts["iterations"]
+    assert "1/16" in texts["time_step"]  # what ITK recommends
+
+
+def test_help_tells_the_refinements_that_there_are() -> None:
+    most = " or ".join(f"{edge}" for edge in REFINEMENTS[-2:])
+    assert f"up to {', '.join(map(str, REFINEMENTS[1:-2]))}, {most}" in help_of("precompute")["refine"]
+    assert [values.refine(str(edge)) for edge in REFINEMENTS] == list(REFINEMENTS)
+
+
+def test_the_ray_caster_has_the_methods_that_are_named() -> None:
+    assert tuple(kind.value for kind in Classification) == RAYCAST_METHODS
+    assert set(CHOSEN_FROM) < set(COMPARED_METHODS) < set(METHODS)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from cli.harness import TF, Run, blob, content, write_json
+from isosample.surfaces.plain_chunks import PLAIN_MAGIC
+from isosample.wording import byte_size
 
 VIEW = "--size 24x16 --azimuth 30 --elevation -20"
 
@@ -119,3 +121,66 @@ def test_masked_samples_stay_masked_in_the_cache(run: Run, folder: Path) -> None
         assert (folder / "cache.npy").read_bytes() == (folder / "volume.npy").read_bytes()
     run(f"render blob.npy --tf tf.json -o whole.npy {VIEW}")
     assert (folder / "whole.npy").read_bytes() != (folder / "volume.npy").read_bytes()
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB", "--tolerance 1/16"])
+def test_plain_meshes_are_larger_and_give_the_same_picture(
+    run: Run, folder: Path, request: pytest.FixtureRequest, more: str
+) -> None:
+    request.getfixturevalue("gl")
+    pictures = []
+    for name, plain in (("packed", ""), ("plain", "--plain")):
+        outcome = run(f"precompute blob.npy --tf tf.json --cache {name} {plain} {more}")
+        assert outcome.status == 0, outcome.err
+        assert run(f"render {name} -o out.npy {VIEW}").status == 0
+        pictures.append((folder / "out.npy").read_bytes())
+    assert pictures[0] == pictures[1]
+    packed, plain_chunks = (chunks_of(folder / name) for name in ("packed", "plain"))
+    assert packed.keys() == plain_chunks.keys()
+    assert not any(data.startswith(PLAIN_MAGIC) for data in packed.values())
+    assert all(data.startswith(PLAIN_MAGIC) for data in plain_chunks.values())
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_a_budget_makes_the_meshes_of_other_scenes_go(run: Run, folder: Path, more: str) -> None:
+    words = f"precompute blob.npy --cache meshes {more}"
+    assert run(f"{words} --tf tf.json --per-slope 0").status == 0
+    own = chunks_of(folder / "meshes")  # of three levels, which the next scene has too
+    assert run(f"{words} --tf tf.json").status == 0
+    everything = chunks_of(folder / "meshes")
+    assert own.keys() < everything.keys()
+    size = sum(len(data) for data in own.values())
+    outcome = run(f"{words} --tf tf.json --per-slope 0 --cache-budget {size / 1000:.3f}kB")
+    assert outcome.status == 0, outcome.err
+    assert outcome.fields()["levels"] == "3 (3 reused)"  # and though nothing was written, there is room
+    assert outcome.fields()["meshes"].startswith(byte_size(size))
+    assert chunks_of(folder / "meshes") == own
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_a_scene_that_exceeds_its_budget_stays_whole(run: Run, folder: Path, more: str) -> None:
+    outcome = run(f"precompute blob.npy --tf tf.json --cache meshes --cache-budget 1KiB {more}")
+    assert outcome.status == 0
+    assert "more than the budget of 1.0 KiB" in outcome.err
+    again = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
+    assert again.fields()["levels"] == "13 (13 reused)"
+
+
+def chunks_of(cache: Path) -> dict[str, bytes]:
+    """Return the chunks of a cache folder by name."""
+    return {path.name: path.read_bytes() for path in cache.glob("chunks/*/*.chunk")}
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_an_interrupted_run_says_that_it_can_go_on(
+    run: Run, monkeypatch: pytest.MonkeyPatch, more: str
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    name = "isosample.rendering.preparation." + ("prepare_stored_surfaces" if more else "prepare_surfaces")
+    monkeypatch.setattr(name, interrupt)
+    outcome = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
+    assert outcome.status == 130
+    assert "the same command goes on from there" in outcome.err
+    assert outcome.err.endswith("isosample: interrupted\n")

@@ -12,8 +12,8 @@ import pytest
 
 from isosample.cli import EXIT_FAILED, summary
 from isosample.cli import render as render_command
+from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import UnrepairedError
-from isosample.rendering.preparation import AUTO_DISTANCE
 
 if TYPE_CHECKING:
     from cli.harness import Run

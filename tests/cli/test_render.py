@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -303,6 +304,8 @@ def test_a_picture_of_nothing_is_empty_and_says_so(run: Run) -> None:
     outcome = run("render blob.npy --tf beyond.json --size 16x16 -o out.npy")
     assert outcome.status == 0
     assert "nothing is visible" in outcome.out
+    low, high = float(blob().min()), float(blob().max())
+    assert f"range, {low:g} to {high:g}; its visible part is 200 to 300" in outcome.out
     assert not pixels().any()
 
 
@@ -326,3 +329,41 @@ def test_names_that_are_no_utf8_reach_the_statistics(run: Run) -> None:
     outcome = run("render", name, "--tf", "tf.json", "--size", "16x16", "-o", "out.npy", "--stats", "s.json")
     assert outcome.status == 0, outcome.err
     assert json.loads(Path("s.json").read_bytes())["source"] == name
+
+
+def test_a_budget_of_meshes_on_the_gpu_makes_batches_and_changes_no_bit(run: Run, folder: Path) -> None:
+    x, y, z = np.mgrid[-1:1:80j, -1:1:80j, -1:1:80j]  # several bricks
+    np.save("large.npy", (100 * np.exp(-(x * x + y * y + z * z))).astype(np.float32))
+    pictures, batches = [], []
+    for more in ("", "--mesh-budget 2MiB"):
+        words = f"render large.npy --tf tf.json --size 24x24 -o out.npy --stats stats.json {more}"
+        outcome = run(words)
+        assert outcome.status == 0, outcome.err
+        pictures.append((folder / "out.npy").read_bytes())
+        batches.append(json.loads((folder / "stats.json").read_text())["mesh_batches"])
+    assert pictures[0] == pictures[1]
+    assert batches[0] < batches[1]
+    assert "64 KiB" in run("render large.npy --tf tf.json --size 24x24 -o out.npy --mesh-budget 1KiB").err
+
+
+@pytest.mark.parametrize("method", ["data-centric", "pre-integrated", "auto"])
+def test_a_picture_that_the_driver_cannot_hold_is_refused_before_the_volume_is_looked_at(
+    run: Run, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("the long work has begun")
+
+    monkeypatch.setattr("isosample.cli.sources.transfer_function_of", refuse)
+    outcome = run(f"render blob.npy --tf tf.json --size 999999x8 --method {method} -o out.png")
+    assert outcome.status == 2
+    assert "999999 x 8 pixels is larger than this driver's" in outcome.err
+
+
+def test_an_error_map_that_cannot_be_made_is_told_before_the_work(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    outcome = run("render absent.npy --error-map errors.png -o out.png")
+    assert outcome.status == 2
+    assert "isosample[plot]" in outcome.err
+    assert "absent.npy" in run("render absent.npy --error-map errors.npy -o out.png").err

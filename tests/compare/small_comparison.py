@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import isosample
-from isosample.compare.contenders import METHODS, ComparedScene
+from isosample.compare.contenders import ComparedScene
 from isosample.compare.experiment import DEFAULT_BUDGET_BYTES, Experiment
 from isosample.compare.sweep import Sweep
+from isosample.defaults import COMPARED_METHODS
 
 SIZE = (36, 24)
 REPEAT = 3
@@ -46,7 +47,7 @@ CAMERAS = tuple(
 
 
 def small_experiment(
-    *, budget_bytes: int = DEFAULT_BUDGET_BYTES, methods: tuple[str, ...] = METHODS
+    *, budget_bytes: int = DEFAULT_BUDGET_BYTES, methods: tuple[str, ...] = COMPARED_METHODS
 ) -> Experiment:
     """The comparison of all methods."""
     sweep = Sweep(methods=methods, steps=STEPS, per_slopes=PER_SLOPES, tolerances=())

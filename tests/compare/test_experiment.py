@@ -15,13 +15,14 @@ import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
 from isosample.compare import experiment
-from isosample.compare.contenders import METHODS, SAMPLE_BYTES, ComparedScene, Parameter, Setting
+from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting
 from isosample.compare.conventions import grain_band_of
 from isosample.compare.experiment import Experiment, run_experiment
 from isosample.compare.frames import time_frames
 from isosample.compare.metrics import rmse
 from isosample.compare.results import write_results, write_table
 from isosample.compare.sweep import Sweep
+from isosample.defaults import COMPARED_METHODS
 from isosample.errors import InputError
 from isosample.rendering.image import Image
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
@@ -56,7 +57,7 @@ def document(outcome: Outcome, tmp_path_factory: pytest.TempPathFactory) -> dict
 def test_every_setting_of_every_method_has_an_entry(document: dict[str, Any]) -> None:
     found = [(entry["method"], entry["parameter"], entry["value"]) for entry in document["entries"]]
     surfaces = [("data-centric", "isovalues per slope", float(number)) for number in PER_SLOPES]
-    rays = [(method, "step", step) for method in METHODS[1:] for step in STEPS]
+    rays = [(method, "step", step) for method in COMPARED_METHODS[1:] for step in STEPS]
     assert found == surfaces + rays
     assert len({entry["name"] for entry in document["entries"]}) == len(found)
 

@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 
 from isosample.compare import plots, svg
-from isosample.compare.contenders import METHODS, fraction_text
 from isosample.compare.false_color import (
     DIFFERENCE_COLORS,
     ERROR_COLORS,
@@ -24,6 +23,8 @@ from isosample.compare.false_color import (
     error_png,
     shown,
 )
+from isosample.defaults import COMPARED_METHODS
+from isosample.wording import fraction_text
 
 SVG = "{http://www.w3.org/2000/svg}"
 numbers = st.integers(1, 6).map(float)  # few, so that equal ones are common
@@ -176,4 +177,4 @@ def test_pictures_are_shown_over_the_backdrop() -> None:
 
 
 def test_every_method_has_its_own_mark() -> None:
-    assert len(set(svg.MARKS.values())) == len(svg.MARKS) == len(METHODS)
+    assert len(set(svg.MARKS.values())) == len(svg.MARKS) == len(COMPARED_METHODS)

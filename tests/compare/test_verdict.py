@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from compare.recomputed import recomputed_break_even, recomputed_fastest
-from isosample.compare.contenders import METHODS
 from isosample.compare.verdict import LEVEL, NOUNS, TARGETS, Verdict, frames_to_break_even, judge
+from isosample.defaults import COMPARED_METHODS
 
 METHOD_OF = {noun: method for method, noun in NOUNS.items()}
-DATA_CENTRIC = METHODS[0]
+DATA_CENTRIC = COMPARED_METHODS[0]
 LEAD = r"(?:, (level|[\d.]+×) (?:with|ahead of) ([a-z -]+)|, alone)"
 FASTEST = re.compile(r"by ([a-z -]+) at (?:an RMSE of )?([\d.]+) \(([\d.]+) ms" + LEAD + r"\)")
 
@@ -33,7 +33,7 @@ def entry(method: str, rmse: float, frame: float, setup: float, label: str = "st
 def random_results(seed: int) -> list[dict[str, Any]]:
     """Some of the methods with errors and times about the targets, some of them equal."""
     rng = np.random.default_rng(seed)
-    methods = [method for method in METHODS if rng.random() < 0.8] or [DATA_CENTRIC]
+    methods = [method for method in COMPARED_METHODS if rng.random() < 0.8] or [DATA_CENTRIC]
     found = []
     for method in methods:
         for _ in range(int(rng.integers(1, 6))):

@@ -10,18 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.method_choice import (
-    CHOICES,
-    DATA_CENTRIC,
-    FEATURES,
-    PEAK_FINDING,
-    PRE_INTEGRATED,
-    choose_method,
-    costs_of,
-    estimate_cost,
-)
+from isosample.rendering.method_choice import FEATURES, choose_method, costs_of, estimate_cost
 from isosample.rendering.pipeline import render
 from isosample.rendering.preparation import Quality, plan_for
 from isosample.rendering.raycast_settings import RaycastSettings
@@ -227,7 +219,7 @@ def test_a_longer_step_is_cheaper_for_the_ray_caster_alone() -> None:
     assert coarse[PRE_INTEGRATED] < fine[PRE_INTEGRATED]
 
 
-@pytest.mark.parametrize("among", [(), ("post-classified",), (*CHOICES, "best")])
+@pytest.mark.parametrize("among", [(), ("post-classified",), (*CHOSEN_FROM, "best")])
 def test_unknown_methods_are_refused(among: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match="data-centric, pre-integrated, peak-finding"):
         choose_method(ball(9), spheres(5.0), among=among, software=True)

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from isosample.defaults import MOST_PEAKS
 from isosample.errors import CapacityError, InputError
-from isosample.transfer.peaks import MOST_PEAKS, NO_PEAK, find_peaks, peak_table
+from isosample.transfer.peaks import NO_PEAK, find_peaks, peak_table
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
 
 RED, BLUE, GREEN = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)

@@ -68,7 +68,7 @@ def read_raw(path: Path, options: ReadOptions) -> Volume:
     """
     if options.shape is None or options.dtype is None:
         raise InputError(
-            f"{path.name} has no header; give its size and type: --shape 256,256,128 --dtype uint8."
+            f"{path.name} has no header; give its size and type, such as --shape 256,256,128 --dtype uint8."
         )
     choose(path.name, "channel", 1, options.channel)
     choose(path.name, "time", 1, options.time)

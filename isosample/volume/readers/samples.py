@@ -99,6 +99,8 @@ def choose(name: str, option: str, count: int, chosen: int | None) -> int:
         raise InputError(
             f"{name} has {count} {what}; a volume has one. Choose with --{option} N (0 to {count - 1})."
         )
+    if count == 1 and chosen != 0:
+        raise InputError(f"{name} has one {what.removesuffix('s')}; leave out --{option} {chosen}.")
     if not 0 <= chosen < count:
         raise InputError(f"{name} has {count} {what}; --{option} {chosen} must be 0 to {count - 1}.")
     return chosen

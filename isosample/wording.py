@@ -1,0 +1,33 @@
+"""Numbers as people read them, in messages, tables and reports."""
+
+from __future__ import annotations
+
+BYTE_UNITS = ("KiB", "MiB", "GiB", "TiB")
+
+
+def thousands(number: int) -> str:
+    """Return a count in groups of three digits: 1 234 567."""
+    return f"{number:,}".replace(",", " ")
+
+
+def byte_size(size: int) -> str:
+    """Return a number of bytes, >= 0, in the largest binary unit that leaves at least 1 as it is written."""
+    if size < 1024:
+        return "1 byte" if size == 1 else f"{size} bytes"
+    amount = float(size)
+    for unit in BYTE_UNITS:
+        amount /= 1024
+        if round(amount, 1) < 1024 or unit == BYTE_UNITS[-1]:
+            break
+    return f"{amount:.1f} {unit}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a count with its noun, which takes an s unless there is one of it: 1 cache, 2 caches."""
+    return f"{thousands(number)} {noun}{'' if number == 1 else 's'}"
+
+
+def fraction_text(number: float) -> str:
+    """A number, as 1/n where it is one: 0.25 is 1/4."""
+    inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
+    return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"

@@ -1,0 +1,39 @@
+"""Numbers are written with at most four digits before the unit, and counts agree with their nouns."""
+
+from __future__ import annotations
+
+import pytest
+
+from isosample.wording import byte_size, counted, thousands
+
+
+@pytest.mark.parametrize(
+    ("size", "written"),
+    [
+        (0, "0 bytes"),
+        (1, "1 byte"),
+        (1023, "1023 bytes"),
+        (1024, "1.0 KiB"),
+        (1536, "1.5 KiB"),
+        (1024 * 1024 - 1, "1.0 MiB"),  # not "1024.0 KiB"
+        (5 << 20, "5.0 MiB"),
+        (3 << 30, "3.0 GiB"),
+        (2 << 40, "2.0 TiB"),
+        (5000 << 40, "5000.0 TiB"),  # no larger unit
+    ],
+)
+def test_bytes_are_written_in_the_largest_unit_that_leaves_one(size: int, written: str) -> None:
+    assert byte_size(size) == written
+
+
+def test_counts_have_groups_of_three_digits() -> None:
+    assert [thousands(number) for number in (0, 999, 1000, 1234567)] == ["0", "999", "1 000", "1 234 567"]
+
+
+def test_one_of_a_thing_is_no_plural() -> None:
+    assert [counted(number, "cache") for number in (0, 1, 2, 1000)] == [
+        "0 caches",
+        "1 cache",
+        "2 caches",
+        "1 000 caches",
+    ]
