@@ -157,7 +157,9 @@ def keep_to_budget(folder: Path, budget: int) -> dict[str, str]:
     from isosample.surfaces.cache import open_cache
     from isosample.surfaces.store import MeshStore
 
-    own = {key.decode() for key in open_cache(folder).surfaces.chunk_table["key"].tolist()}
+    surfaces = open_cache(folder).surfaces
+    tables = (one.chunk_table for one in (surfaces, *surfaces.details))
+    own = {key.decode() for table in tables for key in table["key"].tolist()}
     left = MeshStore(folder).prune(budget, keep=own).bytes_left
     if left > budget:
         note(

@@ -85,7 +85,7 @@ def details(text: str) -> int:
 def screen_error(text: str) -> float:
     """Return a number of pixels >= 0, or a fraction such as 1/4."""
     number = _fraction(text)
-    if number < 0.0:
+    if number == 0.0 and text not in ("0", "0.0"):
         raise argparse.ArgumentTypeError(f"{text!r} must be a number of pixels >= 0, such as 0.25 or 1/4")
     return number
 
