@@ -15,7 +15,7 @@ from test_surface_cache import assert_same_bits, scene_volume, written_scene
 from isosample.errors import InputError
 from isosample.surfaces.brick_samples import BrickSamples, gradients_at, load_brick
 from isosample.surfaces.cache import extract_with_cache, load_cache, open_cache
-from isosample.surfaces.collapse_kernels import collapse
+from isosample.surfaces.collapse_kernels import collapse, is_link
 from isosample.surfaces.detail import (
     FEWEST_TRIANGLES,
     MOST_DETAILS,
@@ -185,6 +185,42 @@ def test_the_topology_is_kept_whatever_the_tolerance() -> None:
     )
     assert_watertight(coarse)
     assert euler_characteristic(coarse) == 0
+
+
+@pytest.mark.parametrize(
+    ("triangles", "ring", "allowed"),
+    [
+        # vertex 0 over the square 1 2 3 4, whose diagonal 1-3 divides the base: 0 on 1 would join 0-3 with 1-3
+        (
+            [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (1, 3, 2), (1, 4, 3)],
+            [1, 2, 3, 4],
+            [False, True, False, True],
+        ),
+        # an octahedron becomes a double tetrahedron
+        (
+            [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 1), (5, 2, 1), (5, 3, 2), (5, 4, 3), (5, 1, 4)],
+            [1, 2, 3, 4],
+            [True, True, True, True],
+        ),
+        # a tetrahedron would become two triangles that lie on each other
+        ([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)], [1, 2, 3], [False, False, False]),
+    ],
+)
+def test_a_collapse_that_would_change_the_topology_is_not_made(
+    triangles: list[tuple[int, int, int]], ring: list[int], allowed: list[bool]
+) -> None:
+    corners = np.array(triangles, dtype=np.int32)
+    first = np.full(6, -1, dtype=np.int32)
+    following = np.full(corners.size, -1, dtype=np.int32)
+    for corner, vertex in enumerate(corners.ravel().tolist()):
+        following[corner], first[vertex] = first[vertex], corner
+    marked = np.full(6, -1, dtype=np.int32)
+    marked[ring] = 7
+    around = np.array(ring + [0] * (24 - len(ring)), dtype=np.int32)
+    found = [
+        is_link(0, around, len(ring), onto, corners, first, following, marked, 7) for onto in range(len(ring))
+    ]
+    assert found == allowed
 
 
 def test_where_there_is_no_field_a_triangle_is_too_far_away() -> None:
