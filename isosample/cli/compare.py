@@ -81,6 +81,7 @@ def add_parser(commands: Commands) -> None:
     _add_sweep_options(parser)
     _add_picture_options(parser)
     arguments.add_reconstruction_option(parser)
+    arguments.add_details_option(parser)
     arguments.add_nan_option(parser)
     arguments.add_camera_options(parser)
     arguments.add_volume_options(parser)
@@ -249,6 +250,7 @@ def _scene(args: argparse.Namespace, volume: Volume, transfer_function: Transfer
             reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         ),
         nan_masked=args.nan == "masked",
+        details=args.details or 0,
     )
 
 

@@ -88,6 +88,8 @@ class ComparedScene:
     raycast : RaycastSettings
         Of the ray casters, but for classification and step. Its reconstruction is that of every method.
     nan_masked : bool
+    details : int
+        Coarser details of the meshes, see `Quality.details`.
     """
 
     volume: Volume
@@ -96,6 +98,7 @@ class ComparedScene:
     render: RenderSettings = field(default_factory=RenderSettings)
     raycast: RaycastSettings = field(default_factory=RaycastSettings)
     nan_masked: bool = False
+    details: int = 0
 
     def __post_init__(self) -> None:
         if self.render.material is not None:
@@ -149,8 +152,10 @@ class SurfaceContender:
         """How many isovalues, how fine meshes."""
         reconstruction = self._scene.raycast.reconstruction
         if self.setting.parameter is Parameter.TOLERANCE:
-            return Quality(tolerance=self.setting.value, reconstruction=reconstruction, refine=None)
-        return Quality(per_slope=int(self.setting.value), reconstruction=reconstruction)
+            asked = Quality(tolerance=self.setting.value, reconstruction=reconstruction, refine=None)
+        else:
+            asked = Quality(per_slope=int(self.setting.value), reconstruction=reconstruction)
+        return replace(asked, details=self._scene.details)
 
     def prepare(self) -> None:
         """Plan and extract, without a cache."""
@@ -163,7 +168,10 @@ class SurfaceContender:
             nan_masked=scene.nan_masked,
         )
         self.precompute_seconds = time.perf_counter() - start
-        self.bytes = TRIANGLE_BYTES * sum(self._prepared.surfaces.statistics.triangles)
+        surfaces = self._prepared.surfaces
+        self.bytes = TRIANGLE_BYTES * sum(
+            sum(one.statistics.triangles) for one in (surfaces, *surfaces.details)
+        )
 
     def load(self) -> float:
         """Merge the meshes and upload the scene; the driver may put off the triangles to the first frame."""

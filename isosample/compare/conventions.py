@@ -90,6 +90,8 @@ def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dic
         "stage": render.stage.value,
         "min_transmittance": render.min_transmittance,
         "segment": render.segment.value,
+        "details": scene.details,
+        "screen_error": render.screen_error,
         "nan_masked": scene.nan_masked,
         "grain_bands": [
             list(grain_band_of(camera, scene.size[1], min(scene.volume.spacing))) for camera in cameras

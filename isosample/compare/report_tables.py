@@ -159,9 +159,17 @@ def _setting_facts(settings: Document) -> list[tuple[str, str]]:
             f"{sampling} sampling, {settings['quadrature']} quadrature, {settings['integration']} tables",
         ),
         ("peak finding", f"weights: {settings['peak_weight']}; crossings: {settings['crossings']}"),
-        ("data-centric", f"{settings['segment']} segments"),
+        ("data-centric", _meshes(settings)),
         ("wood grain", f"{bands} cycles per pixel: steps of one voxel at tilts of 15° to 60°"),
     ]
+
+
+def _meshes(settings: Document) -> str:
+    """How the data-centric method draws."""
+    details, segments = settings["details"], f"{settings['segment']} segments"
+    if not details:
+        return f"{segments}, meshes as extracted"
+    return f"{segments}, {details} coarser details, at most {settings['screen_error']:g} pixel off"
 
 
 def _machine_facts(machine: Document, reference: Document) -> list[tuple[str, str]]:
