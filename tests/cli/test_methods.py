@@ -61,6 +61,8 @@ MESHES = {
     "--tolerance 1/255",
     "--max-isovalues 9",
     "--refine 2",
+    "--details 2",
+    "--screen-error 1",
     "--plan",
     "--segment linear",
     "--segment-opacity exponential",

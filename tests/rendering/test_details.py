@@ -162,12 +162,13 @@ def test_the_finest_picture_is_that_without_details(gl: moderngl.Context, scene:
 
 
 def test_coarser_pictures_lose_no_crossing_and_hardly_differ(gl: moderngl.Context, scene: Scene) -> None:
+    seen = 0
     with ABuffer(gl, scene) as abuffer:
         for camera in cameras(blobs()):
             expected, fine = abuffer.render(camera, SIZE, RenderSettings(screen_error=0.0))
             found, coarse = abuffer.render(camera, SIZE, RenderSettings(screen_error=0.25))
-            assert coarse.chunks_coarse > 0
-            assert coarse.triangles_drawn < fine.triangles_drawn
+            seen += coarse.chunks_coarse
+            assert (coarse.triangles_drawn < fine.triangles_drawn) == (coarse.chunks_coarse > 0)
             assert (coarse.lost_fragments, coarse.unrepaired_pixels, coarse.band_violations) == (0, 0, 0)
             # The impulse appears or not in a pixel whose centre its outline passes by: it moves by a quarter
             # of a pixel at most, so in a quarter of the outlines' pixels at most. Two outlines, seen from
@@ -175,7 +176,8 @@ def test_coarser_pictures_lose_no_crossing_and_hardly_differ(gl: moderngl.Contex
             # 1.6 %; three times that is allowed.
             difference = np.abs(found - expected).max(axis=-1)
             assert (difference > 0.02).mean() < 0.05
-            assert difference.max() > 0.0
+            assert (difference.max() > 0.0) == (coarse.chunks_coarse > 0)
+    assert seen > 50
 
 
 def test_planes_are_the_same_at_any_detail(gl: moderngl.Context) -> None:
