@@ -37,6 +37,9 @@
 #ifndef RESUMED
 #error "RESUMED: 1 goes on with rays from their states, 0 begins them"
 #endif
+#ifndef BLOCKS
+#error "BLOCKS: 1 where the spans of blocks of pixels are known, 0 where all of a ray is marched"
+#endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours, 0 does not"
 #endif

@@ -21,6 +21,7 @@ const int UNIT_MACROCELLS = 1;           // texture unit: red the leap of an emp
 const int UNIT_TRANSFER = 2;             // texture unit: the transfer function, see the texels below
 const int UNIT_PRE_INTEGRATION = 3;      // texture unit: radiance and opacity of a stretch by its two values (and length)
 const int UNIT_PEAK_TABLE = 4;           // texture unit: peaks between two values
+const int UNIT_SPANS = 5;                // texture unit: distances between which the rays of a block of pixels may see something
 
 const int BAND_START_COUNT = 1024;       // bins of the normalised value range
 const int SAMPLED_ROWS = 8;              // of the sampled transfer function: 8192 entries, as Knoll et al. 2009 have it
@@ -39,6 +40,7 @@ const float MASKED_VALUE = 1e20;         // a sample above this is not finite in
 const uint LIST_END = 0xFFFFFFFFu;       // ends a fragment list
 const uint LIST_DONE = 0xFFFFFFFEu;      // in place of a list whose pixel is resolved
 const uint BROKEN_LIST = 0x80000000u;    // on the head of a list that is no chain, see pass/chain.glsl
+const int RAY_BLOCK = 8;                 // edge of the blocks of pixels whose rays leap over empty macrocells together [pixel]
 const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
 const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
