@@ -93,6 +93,7 @@ void run(int last, inout March march, inout uvec4 texel, inout uint visited, ino
         ray.value = field(ray_at(start));
         ++ray.samples;
     }
+    meet(ray.value);
     bool on = true;
     while (on) {
         march.number = next_number(march, texel.g);
@@ -100,6 +101,7 @@ void run(int last, inout March march, inout uvec4 texel, inout uint visited, ino
         vec3 index = ray_at(end);
         float back = field(index);
         ++ray.samples;
+        meet(back);
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
         loops -= 1 + spent_loops / TURNS_OF_LOOP;
         spent_loops = 0;
