@@ -49,6 +49,7 @@ OURS: dict[str, dict[str, object]] = {
     "post-classified, trapezoid": {**POST},
     "pre-integrated, exact": {**PRE},
     "pre-integrated, exact, adaptive": {**PRE, "adaptive": True},
+    "pre-integrated, integrals of the TF": {**PRE, "integration": Integration.TABLE_1D},
     "pre-integrated, table 256²": {**PRE, "integration": Integration.TABLE_2D},
     "peak finding, integral weights, secant": {**PEAKS, "crossings": Crossings.SECANT, "peaks": 4},
     "peak finding, integral weights, exact crossings": {**PEAKS},

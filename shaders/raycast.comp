@@ -17,7 +17,7 @@
 #error "QUADRATURE: 0 the sample at the front, 1 both ends"
 #endif
 #ifndef INTEGRATION
-#error "INTEGRATION: 0 piece by piece, 1 a table for one length, 2 a table for many"
+#error "INTEGRATION: 0 piece by piece, 1 a table for one length, 2 a table for many, 3 integrals over the value"
 #endif
 #ifndef PEAK_MODE
 #error "PEAK_MODE: 0 samples and peaks, 1 peaks in place of samples, 2 peaks alone, 3 samples alone"

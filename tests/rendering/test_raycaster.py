@@ -16,6 +16,7 @@ from isosample.rendering.ray_sampling import first_step
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
+    Integration,
     PeakMode,
     PeakWeight,
     Quadrature,
@@ -49,6 +50,7 @@ POST = RaycastSettings(classification=Classification.POST_CLASSIFIED)
 PRE = RaycastSettings()
 PEAKS = RaycastSettings(classification=Classification.PEAK_FINDING, peak_weight=PeakWeight.INTEGRAL)
 METHODS = {
+    "integrals over the value": replace(PRE, integration=Integration.TABLE_1D),
     "riemann": replace(POST, quadrature=Quadrature.RIEMANN),
     "trapezoid": POST,
     "pre-integrated": PRE,
