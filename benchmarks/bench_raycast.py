@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks import raycast_tables
+from benchmarks import raycast_closeups, raycast_tables
 from benchmarks.machine import describe_machine, table
 from benchmarks.raycast_curves import Curve, OurFrames, measure, timed_frame
 from benchmarks.raycast_scenes import RaycastScene, impulses, nucleon_tents, ramp_impulses, scans
@@ -49,6 +49,7 @@ OURS: dict[str, dict[str, object]] = {
     "post-classified, trapezoid": {**POST},
     "pre-integrated, exact": {**PRE},
     "pre-integrated, exact, adaptive": {**PRE, "adaptive": True},
+    "pre-integrated, integrals of the TF": {**PRE, "integration": Integration.TABLE_1D},
     "pre-integrated, table 256²": {**PRE, "integration": Integration.TABLE_2D},
     "peak finding, integral weights, secant": {**PEAKS, "crossings": Crossings.SECANT, "peaks": 4},
     "peak finding, integral weights, exact crossings": {**PEAKS},
@@ -68,6 +69,7 @@ def report(*, quick: bool) -> str:
     parts += raycast_tables.macrocells(quick=quick)
     parts += raycast_tables.performance(quick=quick)
     parts += raycast_tables.differential(quick=quick)
+    parts += raycast_closeups.close_ups(quick=quick)
     parts += many_isosurfaces(quick=quick)
     return "\n".join(parts)
 
@@ -84,7 +86,9 @@ def has_vtk() -> bool:
 # -- error against time, beside VTK ---------------------------------------------------------------
 
 
-def against_vtk(*, quick: bool, scenes: Sequence[RaycastScene] | None = None) -> Iterator[str]:
+def against_vtk(
+    *, quick: bool, scenes: Sequence[str] = (), sizes: Sequence[int] = (), methods: Sequence[str] = ()
+) -> Iterator[str]:
     """Curves of every scene and size, and the times at equal errors."""
     yield "### Error against time, and VTK's GPU volume mapper under the same driver\n"
     if has_vtk():
@@ -96,9 +100,12 @@ def against_vtk(*, quick: bool, scenes: Sequence[RaycastScene] | None = None) ->
         )
     rows: list[tuple[str, ...]] = []
     points: list[tuple[str, ...]] = []
-    for scene in scenes or [nucleon_tents(), *scans("engine", "vessels (MRA)")]:
-        for size in QUICK_SIZES if quick else SIZES:
-            curves = curves_of(scene, size, repetitions=3 if quick else 5)
+    chosen = [name for name in OURS if not methods or any(part in name for part in methods)]
+    for scene in [nucleon_tents(), *scans("engine", "vessels (MRA)")]:
+        if scenes and not any(part in scene.name for part in scenes):
+            continue
+        for size in sizes or (QUICK_SIZES if quick else SIZES):
+            curves = curves_of(scene, size, chosen, repetitions=3 if quick else 5)
             rows += equal_error_rows(scene, size, curves)
             points += point_rows(scene, size, curves)
     heads = ["scene", "size", "method"]
@@ -130,8 +137,8 @@ def vtk_frames(scene: RaycastScene, size: int, step: float, *, as_stored: bool =
     )
 
 
-def curves_of(scene: RaycastScene, size: int, *, repetitions: int) -> dict[str, Curve]:
-    """Ours and VTK's, step by step, until the smaller error is reached."""
+def curves_of(scene: RaycastScene, size: int, names: Sequence[str], *, repetitions: int) -> dict[str, Curve]:
+    """Those of ours with the names, and VTK's, step by step, until the smaller error is reached."""
     makers: dict[str, tuple[Callable[[float], Frames], Sequence[float]]] = {}
     if has_vtk():
         makers["VTK"] = (lambda step: vtk_frames(scene, size, step), VTK_STEPS)
@@ -140,7 +147,8 @@ def curves_of(scene: RaycastScene, size: int, *, repetitions: int) -> dict[str, 
                 lambda step: vtk_frames(scene, size, step, as_stored=True),
                 VTK_STEPS,
             )
-    for name, options in OURS.items():
+    for name in names:
+        options = OURS[name]
         exact = options.get("crossings") is Crossings.EXACT
         makers[name] = (_ours(scene, size, options), EXACT_STEPS if exact else STEPS)
     return measure(makers, scene.reference(size), repetitions=repetitions, stop_error=ERRORS[-1])
@@ -240,7 +248,7 @@ def _error_row(frames: Frames, reference: np.ndarray[tuple[int, ...], np.dtype[n
 
 
 def main() -> None:
-    """Run this benchmark alone: `python -m benchmarks.bench_raycast [--quick] [part …]`."""
+    """Run this benchmark alone: `python -m benchmarks.bench_raycast [--quick] [part …]`; `--help` tells of the rest."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bench_raycast", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small pictures and few repetitions")
     parts: dict[str, Callable[..., Iterator[str]]] = {
@@ -248,16 +256,22 @@ def main() -> None:
         "macrocells": raycast_tables.macrocells,
         "performance": raycast_tables.performance,
         "differential": raycast_tables.differential,
+        "closeups": raycast_closeups.close_ups,
         "isosurfaces": many_isosurfaces,
     }
     parser.add_argument("parts", nargs="*", help=f"some of {', '.join(parts)}; all by default")
+    for option, kind in (("scenes", str), ("sizes", int), ("methods", str)):
+        parser.add_argument(
+            f"--{option}", type=kind, action="append", default=[], help="of the part vtk; parts of names"
+        )
     arguments = parser.parse_args()
     unknown = sorted(set(arguments.parts) - set(parts))
     if unknown:
         sys.exit(f"no part {', '.join(unknown)}; there are {', '.join(parts)}")
     print(describe_machine())
+    chosen = {name: getattr(arguments, name) for name in ("scenes", "sizes", "methods")}
     for name in arguments.parts or parts:
-        for text in parts[name](quick=arguments.quick):
+        for text in parts[name](quick=arguments.quick, **(chosen if name == "vtk" else {})):
             print(text, flush=True)
 
 

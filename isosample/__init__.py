@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from isosample.rendering.raycast_settings import Quadrature as Quadrature
     from isosample.rendering.raycast_settings import RaycastSettings as RaycastSettings
     from isosample.rendering.raycast_settings import Sampling as Sampling
+    from isosample.rendering.raycast_settings import TableDtype as TableDtype
     from isosample.rendering.raycast_settings import TransferLookup as TransferLookup
     from isosample.rendering.raycaster import RayCaster as RayCaster
     from isosample.rendering.raycaster import raycast as raycast
@@ -85,6 +86,7 @@ _HOMES = {
     "Sampling": "rendering.raycast_settings",
     "SegmentRule": "integral.segment_rule",
     "TransferFunction": "transfer.transfer_function",
+    "TableDtype": "rendering.raycast_settings",
     "TransferLookup": "rendering.raycast_settings",
     "UpAxis": "rendering.camera",
     "Volume": "volume.grid",

@@ -17,7 +17,7 @@
 #error "QUADRATURE: 0 the sample at the front, 1 both ends"
 #endif
 #ifndef INTEGRATION
-#error "INTEGRATION: 0 piece by piece, 1 a table for one length, 2 a table for many"
+#error "INTEGRATION: 0 piece by piece, 1 a table for one length, 2 a table for many, 3 integrals over the value"
 #endif
 #ifndef PEAK_MODE
 #error "PEAK_MODE: 0 samples and peaks, 1 peaks in place of samples, 2 peaks alone, 3 samples alone"
@@ -36,6 +36,9 @@
 #endif
 #ifndef RESUMED
 #error "RESUMED: 1 goes on with rays from their states, 0 begins them"
+#endif
+#ifndef BLOCKS
+#error "BLOCKS: 1 where the spans of blocks of pixels are known, 0 where all of a ray is marched"
 #endif
 #ifndef SHADING
 #error "SHADING: 1 lights the colours, 0 does not"

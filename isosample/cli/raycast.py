@@ -92,6 +92,7 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
         Quadrature,
         RaycastSettings,
         Sampling,
+        TableDtype,
         TransferLookup,
     )
     from isosample.volume.reconstruction import Reconstruction
@@ -102,6 +103,7 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
         "transfer_lookup": TransferLookup,
         "quadrature": Quadrature,
         "integration": Integration,
+        "table_dtype": TableDtype,
         "peak_mode": PeakMode,
         "peak_weight": PeakWeight,
         "crossings": Crossings,
@@ -165,6 +167,6 @@ def _summarise(image: Image, args: argparse.Namespace, duration: float, more: di
     hidden = stats["not_shown"].get("isosurfaces", 0)
     if hidden:
         say(
-            f"not shown: {hidden} of the transfer function's isosurfaces, which samples alone do not meet; --method "
-            "pre-integrated and peak-finding show them"
+            f"not shown: {hidden} of the transfer function's isosurfaces, which samples and integrals do not meet; "
+            "--method pre-integrated --integration exact and --method peak-finding show them"
         )

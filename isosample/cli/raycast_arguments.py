@@ -100,17 +100,24 @@ def _add_classification_options(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--integration",
-        choices=("exact", "2d", "3d"),
-        help="pre-integrated: piece by piece of the transfer function (default exact), or from a table for one length "
-        "of the step, or for many",
+        choices=("exact", "1d", "2d", "3d"),
+        help="pre-integrated: piece by piece of the transfer function (default exact); from its integrals over the "
+        "value (1d: fastest, the mean colour of a step, no isosurfaces); or from a table by the values at both ends, "
+        "for one length of the step (2d) or many (3d)",
     )
     group.add_argument(
         "--table-size",
         type=values.count,
         metavar="N",
-        help="values along an edge of that table, {} to {} (default {})".format(
+        help="values along an edge of the table of 2d and 3d, {} to {} (default {})".format(
             *TABLE_SIZE_RANGE, DEFAULT_TABLE_SIZE
         ),
+    )
+    group.add_argument(
+        "--table-dtype",
+        choices=("float32", "float16"),
+        help="numbers of the table of 2d and 3d (default float32); float16 takes half the memory and rounds entries by "
+        "2^-11 of themselves",
     )
 
 

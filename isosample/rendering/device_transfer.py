@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from isosample.rendering.scene import ValueScale
     from isosample.transfer.transfer_function import TransferFunction
 
-    F32 = npt.NDArray[np.float32]
+    Floats = npt.NDArray[np.float32] | npt.NDArray[np.float16]
     F64 = npt.NDArray[np.float64]
     U16 = npt.NDArray[np.uint16]
 
@@ -41,7 +41,12 @@ METHODS = {
     Classification.PEAK_FINDING: 2,
 }
 QUADRATURES = {Quadrature.RIEMANN: 0, Quadrature.TRAPEZOID: 1}
-INTEGRATIONS = {Integration.EXACT: 0, Integration.TABLE_2D: 1, Integration.TABLE_3D: 2}
+INTEGRATIONS = {
+    Integration.EXACT: 0,
+    Integration.TABLE_2D: 1,
+    Integration.TABLE_3D: 2,
+    Integration.TABLE_1D: 3,
+}
 PEAK_MODES = {PeakMode.BOTH: 0, PeakMode.XOR: 1, PeakMode.PEAK_ONLY: 2, PeakMode.DVR_ONLY: 3}
 PEAK_WEIGHTS = {PeakWeight.PAPER: 0, PeakWeight.INTEGRAL: 1}
 CROSSINGS = {Crossings.SECANT: 0, Crossings.EXACT: 1}
@@ -95,11 +100,11 @@ class DeviceTransfer:
         for name, texture in self._textures.items():
             texture.use(shared_constants()[f"UNIT_{name}"])
 
-    def _tables(self) -> dict[str, F32 | U16]:
+    def _tables(self) -> dict[str, Floats | U16]:
         """Texels of the textures that the method reads, by the names of their units."""
         settings, bands = self._settings, self._bands
         sampled = settings.transfer_lookup is TransferLookup.TEXTURE
-        tables: dict[str, F32 | U16] = {
+        tables: dict[str, Floats | U16] = {
             "TRANSFER": transfer_texels(bands, self._peaks, settings.peak_weight, sampled=sampled)
         }
         if settings.classification is Classification.PEAK_FINDING and settings.crossings is Crossings.SECANT:
@@ -147,7 +152,8 @@ class DeviceTransfer:
     def _shows_isosurfaces(self) -> bool:
         if self._settings.classification is Classification.PEAK_FINDING:
             return self._settings.peak_mode is not PeakMode.DVR_ONLY
-        return self._settings.classification is Classification.PRE_INTEGRATED
+        integrates = self._settings.classification is Classification.PRE_INTEGRATED
+        return integrates and self._settings.integration is not Integration.TABLE_1D
 
 
 def table_lengths(settings: RaycastSettings, base_length: float) -> F64:
@@ -157,24 +163,31 @@ def table_lengths(settings: RaycastSettings, base_length: float) -> F64:
     return np.array([base_length])
 
 
-def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: float) -> F32 | None:
-    """The table of the settings' integration: (n, n, 4), or (L, n, n, 4) for many lengths; None for none.
+def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: float) -> Floats | None:
+    """The table of the settings' integration; None for none.
+
+    Integrals over the value: (rows, BAND_START_COUNT, 4). By the values at both ends, in `table_dtype`: (n, n, 4), or
+    (L, n, n, 4) for many lengths.
 
     Raises
     ------
     CapacityError
         If it takes too much memory.
     """
-    from isosample.transfer.preintegration import length_tables
+    from isosample.transfer.preintegration import length_tables, value_integrals
 
     if settings.integration is Integration.EXACT:
         return None
+    if settings.integration is Integration.TABLE_1D:
+        rows, width = (shared_constants()[name] for name in ("INTEGRAL_ROWS", "BAND_START_COUNT"))
+        return value_integrals(bands, rows * width // 2).reshape(rows, width, 4)
     tables = length_tables(bands, settings.table_size, table_lengths(settings, base_length))
-    return tables if settings.integration is Integration.TABLE_3D else tables[0]
+    tables = tables if settings.integration is Integration.TABLE_3D else tables[0]
+    return tables.astype(settings.table_dtype.value, copy=False)
 
 
-def new_texture(ctx: moderngl.Context, texels: F32 | U16) -> moderngl.Texture | moderngl.Texture3D:
-    """Texture of four components for `texelFetch`: (y, x, 4), or (z, y, x, 4); float32 or uint16.
+def new_texture(ctx: moderngl.Context, texels: Floats | U16) -> moderngl.Texture | moderngl.Texture3D:
+    """Texture of four components for `texelFetch`: (y, x, 4), or (z, y, x, 4); float32, float16 or uint16.
 
     Raises
     ------
@@ -189,7 +202,7 @@ def new_texture(ctx: moderngl.Context, texels: F32 | U16) -> moderngl.Texture | 
             f"a table of {' x '.join(map(str, size))} entries is larger than this driver's textures, {largest}; use "
             "a smaller --table-size or --peak-bins."
         )
-    kind = "f4" if texels.dtype == np.float32 else "u2"
+    kind = f"{texels.dtype.kind}{texels.dtype.itemsize}"
     texture = (ctx.texture3d if deep else ctx.texture)(size, 4, np.ascontiguousarray(texels), dtype=kind)
     texture.filter = (ctx.NEAREST, ctx.NEAREST)
     return texture

@@ -49,6 +49,13 @@ class PictureTarget:
         self._framebuffer = self._ctx.framebuffer([self._texture])
         return True
 
+    def clear(self, color: npt.ArrayLike) -> None:
+        """Give every pixel one colour, (4,)."""
+        assert self._framebuffer is not None
+        self._framebuffer.scissor = (0, 0, *self._framebuffer.size)
+        red, green, blue, alpha = np.asarray(color, dtype=np.float64).tolist()
+        self._framebuffer.clear(red, green, blue, alpha)
+
     def fill(self, tile: Tile, program: Program) -> None:
         """Run a program once for every pixel of a tile."""
         assert self._texture is not None

@@ -29,6 +29,8 @@ TEXTURES = {
     "length_table": "sampler2D",
     "length_tables": "sampler3D",
     "peak_table": "usampler2D",
+    "integrals": "sampler2D",
+    "spans": "sampler2D",
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 

@@ -49,11 +49,24 @@ class Quadrature(enum.Enum):
 
 
 class Integration(enum.Enum):
-    """Pre-integrated stretches: piece by piece of the transfer function, or from a table."""
+    """Pre-integrated stretches: piece by piece of the transfer function, or from a table.
+
+    `TABLE_1D`: integrals of the transfer function over the value, 8192 of them: the exact opacity of any length,
+    the mean colour of a stretch, no isosurfaces. `TABLE_2D`: by the values at both ends, for one length; `TABLE_3D`:
+    for many.
+    """
 
     EXACT = "exact"
+    TABLE_1D = "1d"
     TABLE_2D = "2d"
     TABLE_3D = "3d"
+
+
+class TableDtype(enum.Enum):
+    """Numbers of the tables by the values at both ends of a stretch."""
+
+    FLOAT32 = "float32"
+    FLOAT16 = "float16"
 
 
 class TransferLookup(enum.Enum):
@@ -114,7 +127,10 @@ class RaycastSettings:
     quadrature : Quadrature
     integration : Integration
     table_size : int
-        Values along an edge of the pre-integration table.
+        Values along an edge of the pre-integration table (2d, 3d).
+    table_dtype : TableDtype
+        Numbers of that table. Half precision rounds its entries by at most 2⁻¹¹ of themselves, and pictures by
+        less than 1.5e-3.
     transfer_lookup : TransferLookup
     peak_mode : PeakMode
     peak_weight : PeakWeight
@@ -135,7 +151,8 @@ class RaycastSettings:
     Raises
     ------
     InputError
-        If a number is out of range.
+        If a number is out of range, or integrals over the value are asked for in half precision: what is read from them
+        are small differences.
     """
 
     classification: Classification = Classification.PRE_INTEGRATED
@@ -147,6 +164,7 @@ class RaycastSettings:
     quadrature: Quadrature = Quadrature.TRAPEZOID
     integration: Integration = Integration.EXACT
     table_size: int = DEFAULT_TABLE_SIZE
+    table_dtype: TableDtype = TableDtype.FLOAT32
     transfer_lookup: TransferLookup = TransferLookup.EXACT
     peak_mode: PeakMode = PeakMode.BOTH
     peak_weight: PeakWeight = PeakWeight.PAPER
@@ -167,6 +185,11 @@ class RaycastSettings:
         _check_whole("peaks", self.peaks, 1, MOST_PEAKS)
         _check_whole("root_iterations", self.root_iterations, 0, 64)
         _check_whole("macrocells", self.macrocells, 1, 1024)
+        if self.integration is Integration.TABLE_1D and self.table_dtype is TableDtype.FLOAT16:
+            raise InputError(
+                "table_dtype float16 goes with integration 2d and 3d, not 1d, from which small differences are read; "
+                "use float32."
+            )
         if self.jitter is not None:
             _check_whole("jitter", self.jitter, 0, 2**32 - 2)
 

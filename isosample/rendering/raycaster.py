@@ -23,6 +23,7 @@ from isosample.rendering.frame import camera_block, set_tile, shared_constants, 
 from isosample.rendering.image import Image
 from isosample.rendering.picture_target import PictureTarget
 from isosample.rendering.programs import Programs, storage_bindings
+from isosample.rendering.ray_blocks import RayBlocks
 from isosample.rendering.ray_sampling import fill_sampling
 from isosample.rendering.ray_statistics import RayStatistics
 from isosample.rendering.raycast_settings import RaycastSettings
@@ -46,9 +47,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 TILE_PIXELS = 1 << 18  # a call is then far from the seconds after which drivers give up on it
-LOOP_LIMIT = (
-    1024  # stretches and macrocells of a ray in one call; llvmpipe ends loops after 65535 iterations in all
-)
+LOOP_LIMIT = 1024  # stretches and macrocells of a ray in one call; llvmpipe ends all loops after 65535 turns
 
 
 def raycast(
@@ -160,6 +159,8 @@ class RayCaster:
             self._raycast_buffer = self._buffer(made, uniform_dtype("Raycast").itemsize)
             self._counters = self._buffer(made, storage_dtype("RayCounters").itemsize)
             self._states = self._buffer(made, TILE_PIXELS * storage_dtype("RayState").itemsize)
+            self._blocks = RayBlocks(self._ctx)
+            made.callback(self._blocks.release)
             self._target = PictureTarget(self._ctx)
             made.callback(self._target.release)
             self._made = made.pop_all()
@@ -204,6 +205,11 @@ class RayCaster:
         block = self._raycast_block(camera, (width, height))
         found = RayStatistics()
         done = 0
+        if self._settings.skipping:
+            with self.timer.stage("render"):
+                self._write(frame, block)
+                self._blocks.find((width, height), self._programs)
+                self._target.clear(frame[0]["background"])
         for tile in strips(width, height, TILE_PIXELS):
             with self.timer.stage("render"):
                 self._cast(tile, frame, block, settings, found)
@@ -216,8 +222,6 @@ class RayCaster:
         self.timer.seconds.clear()
         return Image(rgba, self._statistics(found, (width, height), seconds))
 
-    # -- one tile ---------------------------------------------------------------------------------
-
     def _cast(
         self,
         tile: Tile,
@@ -228,21 +232,22 @@ class RayCaster:
     ) -> None:
         """March the rays of a tile to their ends, in as many calls as the longest one takes."""
         set_tile(frame, tile, 0)
-        self._frame_buffer.write(frame.tobytes())
-        self._raycast_buffer.write(block.tobytes())
-        self._bind()
+        self._write(frame, block)
         found.tiles += 1
         unfinished, resumed = tile.pixel_count, False
         while unfinished:
             self._counters.clear()
-            self._target.fill(tile, self._program(settings, resumed=resumed))
+            self._blocks.fill(self._target, tile, self._program(settings, resumed=resumed))
             self._ctx.memory_barrier()
             counters = np.frombuffer(self._counters.read(), dtype=storage_dtype("RayCounters"))[0]
             found.add(counters)
             unfinished = int(counters["unfinished_rays"])
             resumed = True
 
-    def _bind(self) -> None:
+    def _write(self, frame: npt.NDArray[np.void], block: npt.NDArray[np.void]) -> None:
+        """Give the shaders their blocks, buffers and textures."""
+        self._frame_buffer.write(frame.tobytes())
+        self._raycast_buffer.write(block.tobytes())
         self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
         self._raycast_buffer.bind_to_uniform_block(shared_constants()["BINDING_RAYCAST"])
         self._counters.bind_to_storage_buffer(storage_bindings()["RayCounterBlock"])
@@ -250,15 +255,15 @@ class RayCaster:
         for part in (self._volume, self._transfer, self._macrocells):
             part.bind()
 
-    # -- what the shader is told ------------------------------------------------------------------
-
     def _program(self, settings: RenderSettings, *, resumed: bool) -> Program:
         constants = self._volume.constants() | self._transfer.constants()
         constants["ADAPTIVE"] = int(self._settings.adaptive)
         constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
+        constants["BLOCKS"] = int(self._settings.skipping)
         if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
             return self._programs.compute("raycast.comp", **constants)
-        return self._programs.graphics("screen.vert", "raycast.frag", **constants)
+        points = "ray_blocks.vert" if self._settings.skipping else "screen.vert"
+        return self._programs.graphics(points, "raycast.frag", **constants)
 
     def _raycast_block(self, camera: Camera, size: tuple[int, int]) -> npt.NDArray[np.void]:
         block = np.zeros(1, dtype=uniform_dtype("Raycast"))

@@ -123,6 +123,37 @@ def length_tables(bands: ValueBands, size: int, lengths: npt.ArrayLike) -> F32:
     return tables
 
 
+def value_integrals(bands: ValueBands, cells: int) -> F32:
+    """Integrals of emission and extinction over the normalised value, from which the mean along any stretch follows.
+
+    Parameters
+    ----------
+    bands : ValueBands
+    cells : int
+        Parts of [0, 1], at least 1.
+
+    Returns
+    -------
+    integrals : (cells, 2, 4) float32
+        Of premultiplied linear RGB and extinction [1/world]: the integral from 0 to the lower end of every cell, and
+        the mean over the cell. Isosurfaces are left out.
+
+    Raises
+    ------
+    InputError
+        If there is no cell.
+    """
+    if cells < 1:
+        raise InputError(f"integrals over {cells} cells; expected at least 1.")
+    pieces = ValuePieces.of(bands, cells + 1)
+    low, high = pieces.optics[:, 0], pieces.optics[:, 1]
+    emission = low[:, :3] * (2.0 * low[:, 3:] + high[:, 3:]) + high[:, :3] * (low[:, 3:] + 2.0 * high[:, 3:])
+    means = np.concatenate([emission / 6.0, 0.5 * (low[:, 3:] + high[:, 3:])], axis=1)
+    over_cells = np.add.reduceat(pieces.parts[:, None] * means, pieces.starts[:-1])
+    before = np.cumsum(over_cells, axis=0) - over_cells
+    return np.stack([before / cells, over_cells], axis=1).astype(np.float32)
+
+
 @compiled
 def _weights(x0: float, x1: float) -> tuple[float, float]:
     """Weights of the front and back colour, as `segment_weights` of ``integral/optics.py``, to 5e-7."""

@@ -1,13 +1,25 @@
 // Pre-integration without a table: the field runs linearly along the stretch, and is followed band by band: exact for such a
 // field. Isosurfaces are composited where the field takes their value, if they are asked for.
 
-void composite_bands(Stretch stretch, bool surfaces) {
-    vec4 front_bin = bin_of(stretch.front);
-    vec4 back_bin = bin_of(stretch.back);
-    bool same = front_bin.x == back_bin.y && front_bin.y == back_bin.x;
-    if (same && front_bin.z == 0.0) return;
-    int band = band_in(front_bin, stretch.front);
-    int last = band_in(back_bin, stretch.back);
+// Where a value lies in the transfer function.
+struct ValuePlace {
+    vec4 bin;
+    int band;
+};
+
+ValuePlace front_place;                   // of the two samples that `meet` has met last
+ValuePlace back_place;
+
+ValuePlace place_of(float value) {
+    vec4 bin = bin_of(value);
+    return ValuePlace(bin, band_in(bin, value));
+}
+
+void composite_bands(Stretch stretch, ValuePlace near, ValuePlace far, bool surfaces) {
+    bool same = near.bin.x == far.bin.y && near.bin.y == far.bin.x;
+    if (same && near.bin.z == 0.0) return;
+    int band = near.band;
+    int last = far.band;
     bool rising = stretch.back > stretch.front;
     float inverse_rise = stretch.back == stretch.front ? 0.0 : 1.0 / (stretch.back - stretch.front);
     float length = stretch.end - stretch.start;

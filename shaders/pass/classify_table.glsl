@@ -3,7 +3,7 @@
 // to the stretch's length, the mean by the logarithm of the length is taken.
 // Source: Engel et al. 2001; Lum et al. 2004. Twin: isosample/transfer/preintegration.py
 
-#if METHOD == 1 && INTEGRATION > 0
+#if METHOD == 1 && (INTEGRATION == 1 || INTEGRATION == 2)
 #if INTEGRATION == 1
 layout(binding = UNIT_PRE_INTEGRATION) uniform sampler2D length_table;
 #else

@@ -27,8 +27,8 @@ float numbered_distance(int number) {
 float number_at(float distance) { return sample_number(raycast.step, ray.growth, distance) - ray.shift; }
 
 March fresh_march() {
-    ivec3 macrocell = clamp(ivec3(ray.index_start) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
-    return March(int(floor(number_at(ray.start))), ray.start, macrocell);
+    ivec3 macrocell = clamp(ivec3(ray_at(ray.seen.x)) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
+    return March(int(floor(number_at(ray.seen.x))), ray.seen.x, macrocell);
 }
 
 March resumed_march(RayState state) {
@@ -65,7 +65,7 @@ bool leave(Room room, inout March march) {
     ivec3 behind = mix(room.low - 1, room.high, greaterThan(ray.index_direction, vec3(0.0)));
     ivec3 next = mix(beside, behind, equal(ivec3(0, 1, 2), ivec3(room.axis)));
     march.macrocell = next;
-    return room.exit < ray.end && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
+    return room.exit < ray.seen.y && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
 }
 
 ivec3 macrocell_at(vec3 index) {
@@ -93,6 +93,7 @@ void run(int last, inout March march, inout uvec4 texel, inout uint visited, ino
         ray.value = field(ray_at(start));
         ++ray.samples;
     }
+    meet(ray.value);
     bool on = true;
     while (on) {
         march.number = next_number(march, texel.g);
@@ -100,6 +101,7 @@ void run(int last, inout March march, inout uvec4 texel, inout uint visited, ino
         vec3 index = ray_at(end);
         float back = field(index);
         ++ray.samples;
+        meet(back);
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
         loops -= 1 + spent_loops / TURNS_OF_LOOP;
         spent_loops = 0;
@@ -120,7 +122,7 @@ bool march_on(inout March march) {
     int loops = raycast.loop_limit;
     uint visited = 0u;
     uint skipped = 0u;
-    int last = int(ceil(number_at(ray.end)));
+    int last = int(ceil(number_at(ray.seen.y)));
     bool ended = march.number >= last;
     uvec4 texel = texelFetch(macrocells, march.macrocell, 0);
     while (!ended && loops > 0) {

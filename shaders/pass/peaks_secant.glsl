@@ -61,13 +61,13 @@ void composite_shares(Stretch stretch) {
         if (!crosses(stretch, peak.x)) continue;
         ++found;
         float place = clamp(secant_root(stretch, peak.x), rest.start, stretch.end);
-        composite_bands(Stretch(rest.start, place, rest.front, peak.x), false);
+        composite_bands(Stretch(rest.start, place, rest.front, peak.x), place_of(rest.front), place_of(peak.x), false);
         rest.start = place;
         rest.front = peak.x;
         if (peak.y > 0.0) composite_surface(place, band_texel(int(candidates[i]), TEXEL_PEAK));
         else ++ray.crossings;
     }
-    if (PEAK_MODE != 2 || found > 0) composite_bands(rest, false);
+    if (PEAK_MODE != 2 || found > 0) composite_bands(rest, place_of(rest.front), place_of(rest.back), false);
 }
 #endif
 #endif

@@ -7,6 +7,9 @@ layout(std140, binding = BINDING_RAYCAST) uniform RaycastBlock { Raycast raycast
 layout(std430, binding = BINDING_RAY_COUNTERS) buffer RayCounterBlock { RayCounters counters; };
 layout(std430, binding = BINDING_RAY_STATES) buffer RayStates { RayState states[]; };
 layout(binding = UNIT_MACROCELLS) uniform usampler3D macrocells;
+#if BLOCKS
+layout(binding = UNIT_SPANS) uniform sampler2D spans;
+#endif
 
 const float FAR = 1e30;
 
@@ -15,6 +18,7 @@ struct Ray {
     vec3 direction;                       // unit, local
     float start;                          // distance at which it enters what is shown [world]
     float end;                            // and leaves it
+    vec2 seen;                            // distances outside of which all macrocells are empty [world]
     vec3 index_start;                     // sample index at `start`
     vec3 index_direction;                 // sample indices per world unit
     float growth;                         // of the steps [world]
@@ -85,6 +89,12 @@ void begin_ray(ivec2 pixel) {
     vec2 shown = cut_by_planes(vec2(max(inside.x, 0.0), inside.y), origin, ray.direction);
     ray.start = shown.x;
     ray.end = shown.y;
+#if BLOCKS
+    vec2 span = texelFetch(spans, pixel / RAY_BLOCK, 0).xy;
+    ray.seen = vec2(max(ray.start, span.x), min(ray.end, span.y));
+#else
+    ray.seen = shown;
+#endif
     vec3 entry = origin + ray.start * ray.direction;
     ray.index_start = vec3(dot(raycast.index_row_x.xyz, entry) + raycast.index_row_x.w,
                            dot(raycast.index_row_y.xyz, entry) + raycast.index_row_y.w,
@@ -111,7 +121,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
 #endif
     begin_ray(pixel);
     bool ended = true;
-    if (ray.start < ray.end) {
+    if (ray.start < ray.end && ray.seen.x < ray.seen.y) {
 #if RESUMED
         March state = resumed_march(states[place]);
 #else

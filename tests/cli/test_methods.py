@@ -47,6 +47,7 @@ OWNERS = {  # of every option of the ray caster, as written on a command line
     "--quadrature riemann": ("post-classified", "peak-finding"),
     "--integration 2d": ("pre-integrated",),
     "--table-size 64": ("pre-integrated",),
+    "--table-dtype float16": ("pre-integrated",),
     "--peak-mode xor": ("peak-finding",),
     "--peak-weight integral": ("peak-finding",),
     "--crossings exact": ("peak-finding",),
@@ -104,6 +105,7 @@ def test_an_option_of_the_method_reaches_its_settings(given: str, method: str) -
     companion = {
         "--pixel-scale 2": "--sampling differential",
         "--table-size 64": "--integration 3d",
+        "--table-dtype float16": "--integration 2d",
     }.get(given, "")
     parser = build_parser()
     plain, changed = (
@@ -125,6 +127,10 @@ def test_an_option_of_the_method_reaches_its_settings(given: str, method: str) -
         ),
         ("pre-integrated --pixel-scale 2", ("--pixel-scale", "--sampling differential", "uniform")),
         ("pre-integrated --table-size 64", ("--table-size", "--integration 2d or 3d", "exact")),
+        (
+            "pre-integrated --integration 1d --table-dtype float16",
+            ("--table-dtype", "--integration 2d or 3d", "1d"),
+        ),
         ("peak-finding --crossings exact --peaks 4", ("--peaks", "--crossings secant", "exact")),
         ("peak-finding --crossings exact --peak-bins 64", ("--peak-bins", "--crossings secant")),
         ("peak-finding --crossings exact --root-iterations 4", ("--root-iterations", "--crossings secant")),

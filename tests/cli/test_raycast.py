@@ -83,6 +83,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
         ),
     },
     "pre-integrated": {"classification": PRE},
+    "pre-integrated --integration 1d": {"classification": PRE, "integration": isosample.Integration.TABLE_1D},
+    "pre-integrated --integration 2d --table-dtype float16": {
+        "classification": PRE,
+        "integration": isosample.Integration.TABLE_2D,
+        "table_dtype": isosample.TableDtype.FLOAT16,
+    },
     "pre-integrated --integration 2d": {"classification": PRE, "integration": isosample.Integration.TABLE_2D},
     "pre-integrated --integration 2d --table-size 32": {
         "classification": PRE,

@@ -62,9 +62,11 @@ void main() {{
     ray = Ray(0.0, vec3(0.0), vec3(1.0, 0.0, 0.0), vec3(0.0), 1.0, 0u, 0u);
     float start = 0.0;
     float front = field(ray_at(start));
+    meet(front);
     for (int step = 1; step <= steps; ++step) {{
         float end = length_world * float(step) / float(steps);
         float back = field(ray_at(end));
+        meet(back);
         composite_stretch(Stretch(start, end, front, back));
         start = end;
         front = back;

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from isosample.errors import CapacityError
+from isosample.errors import CapacityError, InputError
 from isosample.rendering.camera import Camera
 from isosample.rendering.device_transfer import DeviceTransfer
 from isosample.rendering.raycast_settings import (
@@ -17,6 +17,7 @@ from isosample.rendering.raycast_settings import (
     PeakMode,
     PeakWeight,
     RaycastSettings,
+    TableDtype,
 )
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.reference_image import render_reference
@@ -135,6 +136,7 @@ def test_what_cannot_be_shown_is_said(gl: moderngl.Context) -> None:
             RaycastSettings(classification=Classification.PEAK_FINDING, peak_mode=PeakMode.DVR_ONLY),
             {"isosurfaces": 128},
         ),
+        (RaycastSettings(integration=Integration.TABLE_1D), {"isosurfaces": 128}),
         (RaycastSettings(), {}),
     ):
         with RayCaster(volume, MANY, raycast=settings) as caster:
@@ -147,3 +149,8 @@ def test_a_table_that_is_too_large_is_refused(gl: moderngl.Context) -> None:
     settings = RaycastSettings(integration=Integration.TABLE_3D, table_size=1024)
     with pytest.raises(CapacityError, match="--table-size 819"):
         DeviceTransfer(gl, SMOOTH, ValueScale(0.0, 1.0), settings, 0.5)
+
+
+def test_integrals_in_half_precision_are_refused() -> None:
+    with pytest.raises(InputError, match=r"table_dtype float16 goes with integration 2d and 3d, not 1d"):
+        RaycastSettings(integration=Integration.TABLE_1D, table_dtype=TableDtype.FLOAT16)

@@ -16,6 +16,7 @@ from isosample.rendering.ray_sampling import first_step
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
+    Integration,
     PeakMode,
     PeakWeight,
     Quadrature,
@@ -49,6 +50,7 @@ POST = RaycastSettings(classification=Classification.POST_CLASSIFIED)
 PRE = RaycastSettings()
 PEAKS = RaycastSettings(classification=Classification.PEAK_FINDING, peak_weight=PeakWeight.INTEGRAL)
 METHODS = {
+    "integrals over the value": replace(PRE, integration=Integration.TABLE_1D),
     "riemann": replace(POST, quadrature=Quadrature.RIEMANN),
     "trapezoid": POST,
     "pre-integrated": PRE,
@@ -103,6 +105,74 @@ def test_skipping_changes_no_picture(
         assert np.array_equal(skipped.rgba, whole.rgba)
         assert skipped.stats["samples_per_ray"]["mean"] < whole.stats["samples_per_ray"]["mean"]
         assert whole.stats["skipped"]["leaps_over_empty_macrocells"] == 0
+
+
+def leaning(volume: Volume) -> Volume:
+    """The same samples on a grid that is turned, mirrored, shifted and of uneven spacing."""
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, -1.0]])
+    return Volume(volume.array, spacing=(1.0, 1.7, 0.6), origin=(300.0, -20.0, 7.0), direction=turn)
+
+
+VIEWS = {
+    "parallel": lambda box: Camera.orbit(box, azimuth=25.0, elevation=15.0),
+    "parallel, small on the picture": lambda box: Camera.orbit(box, azimuth=-70.0, elevation=55.0, zoom=0.2),
+    "along an axis": lambda box: Camera.orbit(box, azimuth=0.0, elevation=0.0),
+    "perspective": lambda box: Camera.orbit(
+        box, azimuth=25.0, elevation=15.0, projection=Projection.PERSPECTIVE
+    ),
+    "far away": lambda box: Camera(
+        projection=Projection.PERSPECTIVE,
+        eye=tuple((box.centre + box.radius * np.array([300.0, 200.0, 100.0])).tolist()),
+        target=tuple(box.centre.tolist()),
+        fov_y_degrees=0.3,
+    ),
+    "inside, wide": lambda box: Camera(
+        projection=Projection.PERSPECTIVE,
+        eye=tuple((box.centre + box.radius * np.array([0.1, -0.2, 0.05])).tolist()),
+        target=tuple(box.centre.tolist()),
+        fov_y_degrees=140.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("lean", [False, True])
+def test_a_block_of_pixels_leaps_over_nothing_that_one_of_its_rays_sees(
+    gl: moderngl.Context, volume: Volume, view: str, lean: bool
+) -> None:
+    volume = leaning(volume) if lean else volume
+    camera = VIEWS[view](volume.box)
+    own = replace(PRE, macrocells=33)
+    size = (61, 43)  # the last blocks stick out
+    broad = tents(volume, 0.3)
+    for tf in (broad, tents(volume, 0.85), tents(volume, 0.98)):
+        with RayCaster(volume, tf, raycast=own) as caster:
+            skipped = caster.render(camera=camera, size=size)
+        whole = raycast(volume, tf, camera=camera, size=size, raycast=replace(own, skipping=False))
+        assert np.array_equal(skipped.rgba, whole.rgba)
+        assert whole.rgba.any() or tf is not broad
+
+
+def test_blocks_leap_for_their_pixels(gl: moderngl.Context, volume: Volume) -> None:
+    # The box covers more than a quarter of the picture, and what is seen a spot in it. Every ray that meets the box
+    # would take a leap at least by itself.
+    image = raycast(volume, tents(volume, 0.97), size=(128, 128), raycast=PRE)
+    assert 0.0 < (image.rgba[..., 3] > 0.0).mean() < 0.02
+    assert image.stats["macrocells"]["skipped_per_ray"] < 0.25
+
+
+def test_what_no_block_sees_has_the_background(gl: moderngl.Context, volume: Volume) -> None:
+    low, _ = volume.value_range
+    nothing = TransferFunction(
+        [ControlPoint(low - 2.0, (1.0, 1.0, 1.0), 1.0), ControlPoint(low - 1.0, (1.0, 1.0, 1.0), 1.0)]
+    )
+    settings = RenderSettings(background=(0.25, 0.5, 0.75, 0.5))
+    with RayCaster(volume, nothing) as caster:
+        image = caster.render(size=SIZE, settings=settings)
+        again = caster.render(size=SIZE)
+    expected = np.array([0.125, 0.25, 0.375, 0.5], dtype=np.float32)
+    assert np.array_equal(image.rgba, np.broadcast_to(expected, image.rgba.shape))
+    assert not again.rgba.any()
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -10,7 +10,7 @@ import pytest
 
 from isosample.errors import CapacityError, InputError
 from isosample.integral.quadrature import panel_nodes
-from isosample.transfer.preintegration import length_table, length_tables
+from isosample.transfer.preintegration import length_table, length_tables, value_integrals
 from isosample.transfer.table_sizes import LARGEST_TABLE_BYTES, LAYERS, check_table, layer_lengths
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
 from isosample.transfer.value_bands import ValueBands
@@ -127,3 +127,23 @@ def test_a_table_above_the_memory_limit_is_refused_and_the_next_size_named() -> 
 def test_tables_without_room_or_length_are_refused(size: int, length: float) -> None:
     with pytest.raises(InputError, match="expected two nodes, lengths above 0"):
         length_table(ValueBands.of(SCENE, 0.0, 1.0), size, length)
+
+
+def test_integrals_over_the_value_are_those_of_every_cell() -> None:
+    bands, cells = ValueBands.of(SCENE, 0.0, 1.0), 40
+    found = value_integrals(bands, cells).astype(np.float64)
+    cuts = np.unique(np.concatenate([np.linspace(0.0, 1.0, cells + 1), np.clip(bands.levels, 0.0, 1.0)]))
+    nodes, weights = panel_nodes(cuts, 2)  # exact for the product of two straight lines
+    optics = bands.evaluate(nodes)
+    densities = optics[:, 3:] * np.concatenate([optics[:, :3], np.ones_like(optics[:, 3:])], axis=1)
+    expected = np.zeros((cells, 4))
+    np.add.at(expected, (nodes * cells).astype(int), weights[:, None] * densities)
+    before = np.cumsum(expected, axis=0) - expected
+    # Both are sums in float64, 1e-14; storage rounds by 2^-24 of the number.
+    np.testing.assert_allclose(found[:, 1], cells * expected, rtol=2.0**-24 + 1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[:, 0], before, rtol=2.0**-24 + 1e-12, atol=1e-12)
+
+
+def test_integrals_over_no_cell_are_refused() -> None:
+    with pytest.raises(InputError, match="0 cells; expected at least 1"):
+        value_integrals(ValueBands.of(SCENE, 0.0, 1.0), 0)

@@ -1,0 +1,43 @@
+// Pre-integration by the integrals of emission and extinction over the value, of which one row of a table is enough for stretches
+// of any length: the mean of both along a stretch is the difference of the integrals over that of the values. The opacity is that
+// of the exact integral; the colour is the mean one, whether it is met in front or behind.
+// Source: Engel et al. 2001, section 4.4 (self-attenuation within a stretch neglected). Twin: isosample/transfer/preintegration.py
+
+#if METHOD == 1 && INTEGRATION == 3
+layout(binding = UNIT_PRE_INTEGRATION) uniform sampler2D integrals;
+
+const int INTEGRAL_CELLS = INTEGRAL_ROWS * BAND_START_COUNT / 2;
+
+// A value, the integrals of premultiplied colour and extinction up to it, and their means over its cell of the table.
+struct Known {
+    float value;
+    vec4 integral;
+    vec4 mean;
+};
+
+Known known_front;                        // of the two samples that `meet` has met last
+Known known_back;
+
+Known known_at(float value) {
+    float shown = clamp(value, 0.0, 1.0);
+    int cell = min(int(shown * float(INTEGRAL_CELLS)), INTEGRAL_CELLS - 1);
+    ivec2 texel = ivec2(2 * cell % BAND_START_COUNT, 2 * cell / BAND_START_COUNT);
+    vec4 before = texelFetch(integrals, texel, 0);
+    vec4 mean = texelFetch(integrals, texel + ivec2(1, 0), 0);
+    return Known(shown, before + (shown - float(cell) / float(INTEGRAL_CELLS)) * mean, mean);
+}
+
+void composite_means(Stretch stretch) {
+    float rise = known_back.value - known_front.value;
+    bool steep = abs(rise) * float(INTEGRAL_CELLS) > 1.0;   // else the difference would be that of its roundings
+    vec4 mean = steep ? (known_back.integral - known_front.integral) / (steep ? rise : 1.0)
+                      : 0.5 * (known_front.mean + known_back.mean);
+    if (!(mean.a > 0.0)) return;
+    float opacity = opacity_from_depth(mean.a * (stretch.end - stretch.start));
+    vec3 color = mean.rgb / mean.a;
+#if SHADING
+    color = lit(color, 0.5 * (stretch.start + stretch.end));
+#endif
+    composite(opacity * color, opacity);
+}
+#endif
