@@ -1,0 +1,85 @@
+"""The methods of the comparison at equal errors, each with the settings that it is swept through."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.bench_raycast import OURS as RAY_CASTERS
+from benchmarks.bench_raycast import has_vtk, settings_of
+from benchmarks.raycast_curves import OurFrames
+from benchmarks.surface_frames import SurfaceFrames
+from isosample.rendering.preparation import Quality
+from isosample.rendering.raycast_settings import Crossings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from benchmarks.raycast_curves import Frames
+    from benchmarks.raycast_scenes import RaycastScene
+
+    Makers = dict[str, tuple[Callable[[float], Frames], Sequence[float]]]
+
+PER_SLOPE = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0)
+REFINED_PER_SLOPE = (3.0, 5.0, 8.0, 12.0)
+REFINEMENTS = (1.0, 2.0, 4.0)
+STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+ONE_STEP = (4.0,)  # its picture does not depend on the step
+DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
+VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
+SAMPLED = "post-classified, Riemann, sampled TF"
+CHOSEN_CASTERS = (
+    SAMPLED,
+    "pre-integrated, exact",
+    "pre-integrated, table 256²",
+    "peak finding, integral weights, secant",
+    "peak finding, integral weights, exact crossings",
+)
+
+
+def makers_of(scene: RaycastScene, size: int) -> Makers:
+    """Every method with its settings from cheap to good."""
+    found: Makers = {}
+    if scene.transfer_function.isosurfaces:
+        found[DATA_CENTRIC] = (
+            lambda refine: SurfaceFrames.of_scene(scene, size, Quality(refine=int(refine))),
+            REFINEMENTS,
+        )
+    else:
+        found[DATA_CENTRIC] = (_surfaces(scene, size, 1), PER_SLOPE)
+        if (
+            scene.volume.array.dtype == np.float32
+        ):  # four times the triangles of a scan take longer than any step
+            found[REFINED] = (_surfaces(scene, size, 2), REFINED_PER_SLOPE)
+    for name in CHOSEN_CASTERS:
+        if not (scene.transfer_function.isosurfaces and name == SAMPLED):  # which sees no isosurface
+            found[name] = _caster(scene, size, name)
+    if has_vtk():
+        from benchmarks.peer_vtk import VtkRayCaster
+
+        mapper = partial(VtkRayCaster, scene.volume, scene.transfer_function, scene.camera, size)
+        if scene.transfer_function.isosurfaces:
+            found[VTK_ISO] = (lambda step: mapper(step=step), STEPS)
+        else:
+            found[VTK_GPU] = (lambda step: mapper(step=step), STEPS)
+            found[VTK_FIXED] = (lambda step: mapper(step=step, fixed_point=True), STEPS)
+    return found
+
+
+def _surfaces(scene: RaycastScene, size: int, refine: int) -> Callable[[float], Frames]:
+    return lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=refine))
+
+
+def _caster(scene: RaycastScene, size: int, name: str) -> tuple[Callable[[float], Frames], Sequence[float]]:
+    options = RAY_CASTERS[name]
+    steps = ONE_STEP if options.get("crossings") is Crossings.EXACT else STEPS
+    return lambda step: OurFrames(scene, size, settings_of(options, step)), steps
+
+
+def label(scene: RaycastScene, method: str, setting: float) -> str:
+    """A setting in words."""
+    if not method.startswith(DATA_CENTRIC):
+        return f"step {setting:g}"
+    return f"refine {setting:g}" if scene.transfer_function.isosurfaces else f"{setting:g} per slope"
