@@ -142,19 +142,19 @@ def measure(
     *,
     repetitions: int,
     stop_error: float = 0.0,
-    stop_seconds: float = math.inf,
+    stop_processor: float = math.inf,
     slow_frame: float = SLOW_FRAME,
 ) -> dict[str, Curve]:
     """Curves of methods, each with its steps from coarse to fine.
 
     The methods of one rank of steps are made together, drawn once for warming up, then drawn in turn. A
-    method stops where its error is below `stop_error` or a frame takes longer than `stop_seconds`. Of frames above
-    `slow_frame` three are enough.
+    method stops where its error is below `stop_error` or a frame takes more than `stop_processor` seconds of all cores
+    together, which other work on the machine changes little. Of frames above `slow_frame` three are enough.
     """
 
     def done(curve: Curve) -> bool:
         last = curve.points[-1] if curve.points else None
-        return last is not None and (last.error <= stop_error or last.seconds > stop_seconds)
+        return last is not None and (last.error <= stop_error or last.processor > stop_processor)
 
     curves = {name: Curve() for name in makers}
     for rank in range(max(len(steps) for _, steps in makers.values())):
