@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from benchmarks import equal_error_scenes
+from benchmarks.bench_raycast import OURS as RAY_CASTERS
 from benchmarks.bench_raycast import has_vtk, vtk_driver
 from benchmarks.equal_error_methods import (
-    CHOSEN_CASTERS,
     DATA_CENTRIC,
     REFINED,
     VTK_FIXED,
@@ -84,7 +84,7 @@ def is_gpu_peer(name: str) -> bool:
 
 def is_caster(name: str) -> bool:
     """Whether a method is this project's ray caster."""
-    return name in CHOSEN_CASTERS
+    return name in RAY_CASTERS
 
 
 def is_fixed_peer(name: str) -> bool:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     F32 = npt.NDArray[np.float32]
 
+ROW = 19  # height of a line of a figure's legend
 SLOW = 1.0  # [s]; of longer frames three are enough
 DATA_CENTRIC = "data-centric"
 
@@ -140,7 +141,7 @@ def figure(sweep: Sweep, courses: Mapping[str, Course]) -> str:
     places = next(iter(courses.values())).places
     spent = [1e3 * one for course in courses.values() for one in course.seconds]
     x = svg.around(places, start=svg.LEFT, stop=svg.WIDTH - svg.RIGHT)
-    y = svg.around(spent, start=svg.HEIGHT - svg.BOTTOM, stop=svg.TOP)
+    y = svg.around(spent, start=svg.HEIGHT - svg.BOTTOM, stop=svg.TOP + ROW * max(0, len(courses) - 2))
     body = svg.frame(x, y, x_label=sweep.x_label, y_label="time of a frame [ms]")
     names = []
     for kind, (name, course) in enumerate(courses.items()):
@@ -152,6 +153,16 @@ def figure(sweep: Sweep, courses: Mapping[str, Course]) -> str:
             told = f"{name}, {sweep.label(place)}: {1e3 * seconds:.3g} ms"
             body += svg.point(x.place(place), y.place(1e3 * seconds), kind, told, ringed=False)
         names.append((kind, f"{name}: exponent {power:.2f}"))
-    body += svg.legend(names)
+    body += _legend([name for _, name in names])
     told = f"Fixed: {sweep.fixed}. " + "; ".join(name for _, name in names) + "."
     return svg.standalone(svg.drawing(body, title=f"Time against {sweep.title}", description=told))
+
+
+def _legend(names: Sequence[str]) -> str:
+    """Marks with what they stand for, one to a row."""
+    parts = []
+    for kind, name in enumerate(names):
+        x, y = svg.LEFT + 8, 14 + ROW * kind
+        parts.append(f'<path class="f{kind}" transform="translate({x} {y})" d="{svg.MARKS[kind]}"/>')
+        parts.append(svg.text(x + 12, y + 4.5, name, anchor="start"))
+    return "".join(parts)
