@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 
     Makers = dict[str, tuple[Callable[[float], Frames], Sequence[float]]]
 
-PER_SLOPE = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0)
-REFINED_PER_SLOPE = (3.0, 5.0, 8.0, 12.0)
+PER_SLOPE = (0.0, 1.0, 2.0, 4.0, 8.0)
+REFINED_PER_SLOPE = (2.0, 4.0, 8.0)
 REFINEMENTS = (1.0, 2.0, 4.0)
 STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+NARROW_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of VTK for a near-Dirac peak, which it samples in vain
 ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
 VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
@@ -57,15 +58,21 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
         if scene.transfer_function.isosurfaces:
             found[VTK_ISO] = (lambda step: mapper(step=step), STEPS)
         else:
-            found[VTK_GPU] = (lambda step: mapper(step=step), STEPS)
-            found[VTK_FIXED] = (lambda step: mapper(step=step, fixed_point=True), STEPS)
+            steps = NARROW_STEPS if sharp(scene) else STEPS
+            found[VTK_GPU] = (lambda step: mapper(step=step), steps)
+            found[VTK_FIXED] = (lambda step: mapper(step=step, fixed_point=True), steps)
     return found
+
+
+def sharp(scene: RaycastScene) -> bool:
+    """Whether there are isosurfaces, or peaks that are as good as that."""
+    return is_sharp(plan_for(scene.volume, scene.transfer_function, Quality()))
 
 
 def casters_for(scene: RaycastScene) -> list[str]:
     """The ray caster's methods that suit a transfer function: tables and samples of it see no peak as narrow."""
     names = [name for name in RAY_CASTERS if name not in LEFT_OUT]
-    if not is_sharp(plan_for(scene.volume, scene.transfer_function, Quality())):
+    if not sharp(scene):
         return names
     return [
         name

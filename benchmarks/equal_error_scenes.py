@@ -22,16 +22,20 @@ PEAK_EXTINCTION, BUMP_SHARE = 1000.0, 1.0 / 3.0  # as those of the nucleon-like 
 
 def tents_and_peaks(*names: str) -> Iterator[RaycastScene]:
     """The nucleon-like field and the named scans, each with both transfer functions."""
-    tents = nucleon_tents()
-    yield named(tents, "two tents")
+    yield tents()
     yield replace(
-        tents,
+        nucleon_tents(),
         name="nucleon-like 128³, near-Dirac",
         transfer_function=accuracy_scenes.nucleon(128).transfer_function(DIRAC, "translucent"),
     )
     for scan in scans(*names) if names else ():
         yield named(scan, "two tents")
         yield near_dirac(scan)
+
+
+def tents() -> RaycastScene:
+    """The nucleon-like field with two tents."""
+    return named(nucleon_tents(), "two tents")
 
 
 def isosurfaces() -> RaycastScene:
