@@ -115,6 +115,8 @@ def _ratio(found: Sequence[Least | None], other: int) -> str:
         return "–"
     if math.isinf(peer.seconds):
         return "∞"
+    if math.isinf(own.seconds):
+        return "0"
     return f"{peer.seconds / own.seconds:.2f}"
 
 
@@ -210,8 +212,8 @@ def _told() -> str:
         f"{REPETITIONS} frames in turn (3 of those above {SLOW:g} s). A method is swept from "
         "coarse to fine until it errs less than the smallest of these or a frame takes more than "
         f"{STOP_SECONDS[SIZE]:g} s of all cores together; "
-        "≤: already its coarsest setting is good enough; ∞: the other one does not get there; in brackets the same "
-        "ratio of the time of all cores."
+        "≤: already its coarsest setting is good enough; ∞: the other one does not get there, 0: the data-centric "
+        "one does not; in brackets the same ratio of the time of all cores."
         f"{driver} VTK gets float32 samples and framebuffer and tables of 16000 entries, since with 8 bits it errs "
         "more and takes no less time for the same error (see the ray caster). Near-Dirac: a peak whose foot is 1e-4 of "
         "the range wide, less than two entries of that table; steps from 2 to 1/8.\n"
