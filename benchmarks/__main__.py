@@ -95,23 +95,23 @@ def main() -> None:
         print(f"-- {name}", file=sys.stderr, flush=True)
         reports.append(program(quick=arguments.quick))
         print(reports[-1], flush=True)
+        if arguments.parts and not arguments.quick:
+            _renew(reports[-1])
     if not arguments.quick:
-        RESULTS.write_text(_page(reports, whole=not arguments.parts), encoding="utf-8")
+        if not arguments.parts:
+            head = "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n"
+            RESULTS.write_text(
+                "\n".join(["# Results\n", head, describe_machine(), *reports]), encoding="utf-8"
+            )
         print(f"written to {RESULTS}")
 
 
-def _page(reports: list[str], *, whole: bool) -> str:
-    """The whole page, or the one that is there with some sections of it new."""
-    if whole:
-        head = (
-            "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n"
-        )
-        return "\n".join(["# Results\n", head, describe_machine(), *reports])
+def _renew(report: str) -> None:
+    """Put the sections of a report in the place of those on the page."""
     page = RESULTS.read_text(encoding="utf-8")
-    for report in reports:
-        for section in sections(report):
-            page = with_section(page, section)
-    return page
+    for section in sections(report):
+        page = with_section(page, section)
+    RESULTS.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

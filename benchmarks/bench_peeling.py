@@ -14,10 +14,8 @@ from benchmarks.bench_raycast import has_vtk
 from benchmarks.machine import describe_machine, table
 from benchmarks.raycast_curves import measure
 from benchmarks.surface_frames import SurfaceFrames
-from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
-from isosample.rendering.settings import RenderSettings
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import Isosurface
 from isosample.transfer.isovalues import plan_isovalues
@@ -37,7 +35,7 @@ OPACITY = 0.08
 SIZE, QUICK_SIZE = 800, 256
 REPETITIONS = 5  # three of frames that take longer than SLOW
 SLOW = 3.0  # [s]
-OURS, PLAIN, PEELING = "A-buffer", "A-buffer, constant segments", "VTK, dual depth peeling"
+OURS, PEELING = "A-buffer", "VTK, dual depth peeling"
 
 
 @dataclass(frozen=True)
@@ -89,11 +87,9 @@ def nested(of: NestedField, edge: int) -> NestedSurfaces:
 
 
 def programs(scene: NestedSurfaces, size: int) -> dict[str, Callable[[], Frames]]:
-    """Ours, also with the simplest of segments (there is nothing between these surfaces), and VTK's if it is there."""
-    draw = partial(SurfaceFrames, scene.surfaces, scene.plan, scene.camera, size)
+    """Ours, and VTK's if it is there."""
     found: dict[str, Callable[[], Frames]] = {
-        OURS: draw,
-        PLAIN: partial(draw, RenderSettings(segment=SegmentRule.CONSTANT)),
+        OURS: partial(SurfaceFrames, scene.surfaces, scene.plan, scene.camera, size)
     }
     if has_vtk():
         from benchmarks.peer_vtk_surfaces import VtkPeeledSurfaces
