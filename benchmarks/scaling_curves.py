@@ -119,7 +119,7 @@ def rows(sweep: Sweep, courses: Mapping[str, Course]) -> list[tuple[str, ...]]:
                     f"{sweep.label(place)}: {1e3 * spent:.0f}"
                     for place, spent in zip(course.places, course.seconds, strict=True)
                 ),
-                f"{course.seconds[-1] / course.seconds[0]:.2f}",
+                f"{course.seconds[-1] / course.seconds[0]:.2f} ({course.processor[-1] / course.processor[0]:.2f})",
                 f"{fitted[0]:.2f} ({fitted[1]:.2f})",
                 f"{last:.2f}",
                 *stages,
@@ -131,8 +131,8 @@ def rows(sweep: Sweep, courses: Mapping[str, Course]) -> list[tuple[str, ...]]:
 
 
 HEADS = (
-    "against", "method", "milliseconds", "last / first", "exponent (of all cores)", "of the last two sizes",
-    "of build", "of resolve", "fragments", "triangles", "RMSE against the first row's picture",
+    "against", "method", "milliseconds", "last / first (of all cores)", "exponent (of all cores)",
+    "of the last two sizes", "of build", "of resolve", "fragments", "triangles", "RMSE against the first row's picture",
 )  # fmt: skip
 
 
