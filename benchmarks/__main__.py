@@ -3,25 +3,69 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks import (
     bench_abuffer,
     bench_cache,
+    bench_equal_error,
     bench_extract,
+    bench_method_choice,
+    bench_peeling,
     bench_raycast,
     bench_reference,
     bench_scale,
+    bench_scaling,
     bench_startup,
 )
 from benchmarks.machine import describe_machine
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 RESULTS = Path(__file__).parent / "RESULTS.md"
+PARTS = {
+    "startup": bench_startup.report,
+    "extract": bench_extract.report,
+    "cache": bench_cache.report,
+    "abuffer": bench_abuffer.report,
+    "peeling": bench_peeling.report,
+    "equal_error": bench_equal_error.report,
+    "scaling": bench_scaling.report,
+    "raycast": bench_raycast.report,
+    "method_choice": bench_method_choice.report,
+    "reference": bench_reference.report,
+    "scale": bench_scale.report,
+}
+
+
+def with_section(page: str, section: str) -> str:
+    """The page with a section in place of the one whose heading begins with the same words, or at the end.
+
+    What follows a comma or a colon in a heading says how much was measured and may differ.
+    """
+    name = re.split(r"[,:\n]", section, maxsplit=1)[0].strip()
+    parts = re.split(r"^(?=## )", page, flags=re.MULTILINE)
+    for place, part in enumerate(parts):
+        if re.split(r"[,:\n]", part, maxsplit=1)[0].strip() == name:
+            parts[place] = section.rstrip() + "\n\n"
+            return "".join(parts).rstrip() + "\n"
+    return page.rstrip() + "\n\n" + section.rstrip() + "\n"
+
+
+def sections(report: str) -> list[str]:
+    """A report by its headings, each section with a line about machine and commit."""
+    parts = re.split(r"^(?=## )", report, flags=re.MULTILINE)
+    found = [part for part in parts if part.startswith("## ")]
+    return [part.replace("\n", f"\n\n{describe_machine()}", 1) for part in found]
 
 
 def main() -> None:
-    """Run all, print the page, and keep it."""
+    """Run all, or some, print them, and keep them on the page."""
     if sys.argv[1:2] == ["accuracy"]:
         from benchmarks import bench_accuracy
 
@@ -30,23 +74,44 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer repetitions; prints only, keeps no page")
     parser.add_argument(
-        "--full", action="store_true", help="also a volume of 1024³ samples: minutes, and 3 GiB of disk"
+        "--full",
+        action="store_true",
+        help="also a volume of 1024³ samples (minutes, and 3 GiB of disk), and scans at 1024² pixels (an hour)",
+    )
+    parser.add_argument(
+        "parts",
+        nargs="*",
+        help=f"some of {', '.join(PARTS)}: only their sections of the page are written anew; all by default",
     )
     arguments = parser.parse_args()
-    quick = arguments.quick
-    parts = [
-        "# Results\n",
-        "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n",
-        describe_machine(),
-    ]
-    for program in (bench_startup, bench_extract, bench_cache, bench_abuffer, bench_raycast, bench_reference):
-        parts.append(program.report(quick=quick))
-        print(parts[-1], flush=True)
-    parts.append(bench_scale.report(quick=quick, full=arguments.full))
-    print(parts[-1], flush=True)
-    if not quick:
-        RESULTS.write_text("\n".join(parts), encoding="utf-8")
+    unknown = sorted(set(arguments.parts) - set(PARTS))
+    if unknown:
+        parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    reports = []
+    for name in arguments.parts or PARTS:
+        program: Callable[..., str] = PARTS[name]
+        if name in ("scale", "equal_error"):
+            program = partial(program, full=arguments.full)
+        print(f"-- {name}", file=sys.stderr, flush=True)
+        reports.append(program(quick=arguments.quick))
+        print(reports[-1], flush=True)
+        if arguments.parts and not arguments.quick:
+            _renew(reports[-1])
+    if not arguments.quick:
+        if not arguments.parts:
+            head = "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n"
+            RESULTS.write_text(
+                "\n".join(["# Results\n", head, describe_machine(), *reports]), encoding="utf-8"
+            )
         print(f"written to {RESULTS}")
+
+
+def _renew(report: str) -> None:
+    """Put the sections of a report in the place of those on the page."""
+    page = RESULTS.read_text(encoding="utf-8")
+    for section in sections(report):
+        page = with_section(page, section)
+    RESULTS.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -50,14 +50,19 @@ def two_tents(edge: int, per_slope: int) -> tuple[Scene, Camera]:
     return scene, Camera.orbit(volume.box, azimuth=30, elevation=20)
 
 
-def layers(count: int) -> tuple[Scene, Camera]:
-    """Planes that cover the whole picture."""
+def planes(count: int) -> tuple[Volume, TransferFunction, Camera]:
+    """Isosurfaces of a ramp that cover the whole picture."""
     volume = Volume(np.broadcast_to(np.array([0.0, 1.0])[:, None, None], (2, 2, 2)))
     values = ((np.arange(count) + 1.0) / (count + 1.0)).tolist()
     tf = TransferFunction([], [Isosurface(v, (v, 1.0 - v, 0.5), 0.02) for v in values])
-    plan = plan_isovalues(tf, volume.value_range)
     eye, target = (0.5, 0.5, 3.0), (0.5, 0.5, 0.5)
-    camera = Camera(projection=Projection.ORTHOGRAPHIC, eye=eye, target=target, height=0.5)
+    return volume, tf, Camera(projection=Projection.ORTHOGRAPHIC, eye=eye, target=target, height=0.5)
+
+
+def layers(count: int) -> tuple[Scene, Camera]:
+    """The scene of so many planes."""
+    volume, tf, camera = planes(count)
+    plan = plan_isovalues(tf, volume.value_range)
     return Scene.build(extract_surfaces(volume, plan.isovalues), plan), camera
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
@@ -35,6 +36,13 @@ class Frames(Protocol):
     def release(self) -> None:
         """Free everything."""
         ...
+
+
+class CountingFrames(Frames, Protocol):
+    """One that tells what it evaluates per ray."""
+
+    samples: float
+    root_evaluations: float
 
 
 class OurFrames:
@@ -134,31 +142,43 @@ def measure(
     *,
     repetitions: int,
     stop_error: float = 0.0,
+    stop_processor: float = math.inf,
+    slow_frame: float = SLOW_FRAME,
 ) -> dict[str, Curve]:
     """Curves of methods, each with its steps from coarse to fine.
 
     The methods of one rank of steps are made together, drawn once for warming up, then drawn in turn. A
-    method stops where its error is below `stop_error`.
+    method stops where its error is below `stop_error` or a frame takes more than `stop_processor` seconds of all cores
+    together, which other work on the machine changes little. Of frames above `slow_frame` three are enough.
     """
+
+    def done(curve: Curve) -> bool:
+        last = curve.points[-1] if curve.points else None
+        return last is not None and (last.error <= stop_error or last.processor > stop_processor)
+
     curves = {name: Curve() for name in makers}
     for rank in range(max(len(steps) for _, steps in makers.values())):
         active = {
             name: steps[rank]
             for name, (_, steps) in makers.items()
-            if rank < len(steps) and not (curves[name].points and curves[name].points[-1].error <= stop_error)
+            if rank < len(steps) and not done(curves[name])
         }
         with ExitStack() as stack:
             frames: dict[str, Frames] = {}
             for name, step in active.items():
                 frames[name] = makers[name][0](step)
                 stack.callback(frames[name].release)
-            for name, point in _in_turn(frames, active, reference, repetitions).items():
+            for name, point in _in_turn(frames, active, reference, repetitions, slow_frame).items():
                 curves[name].points.append(point)
     return curves
 
 
 def _in_turn(
-    frames: Mapping[str, Frames], steps: Mapping[str, float], reference: F32, repetitions: int
+    frames: Mapping[str, Frames],
+    steps: Mapping[str, float],
+    reference: F32,
+    repetitions: int,
+    slow_frame: float,
 ) -> dict[str, Point]:
     """Draw the frames in turn, after one that warms up and gives the error."""
     found: dict[str, Point] = {}
@@ -168,11 +188,12 @@ def _in_turn(
         found[name] = Point(
             steps[name], 0.0, float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())
         )
-        if isinstance(each, OurFrames):
-            found[name].samples, found[name].root_evaluations = each.samples, each.root_evaluations
+        if hasattr(each, "samples"):
+            told = cast("CountingFrames", each)
+            found[name].samples, found[name].root_evaluations = told.samples, told.root_evaluations
     for turn in range(repetitions):
         for name, each in frames.items():
-            if turn >= ENOUGH_SLOW_FRAMES and np.median(spent[name], axis=0)[0] > SLOW_FRAME:
+            if turn >= ENOUGH_SLOW_FRAMES and np.median(spent[name], axis=0)[0] > slow_frame:
                 continue
             start, processor = time.perf_counter(), time.process_time()
             each.render()
