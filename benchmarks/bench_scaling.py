@@ -23,6 +23,8 @@ from benchmarks.scaling_curves import DATA_CENTRIC, HEADS, Sweep, figure, measur
 from benchmarks.surface_frames import SurfaceFrames
 from isosample.rendering.preparation import Quality, prepare_surfaces
 from isosample.rendering.raycast_settings import Classification, RaycastSettings
+from isosample.rendering.settings import RenderSettings
+from isosample.surfaces.detail import MOST_DETAILS
 from isosample.transfer.control_points import Isosurface
 from isosample.transfer.transfer_function import TransferFunction
 
@@ -41,12 +43,16 @@ RAY_CASTER = "ray caster, pre-integrated"
 # What every scene is drawn with by the data-centric renderer: a name, and what makes its frames of surfaces, plan,
 # camera and size. Another way of drawing (such as levels of detail) is one more entry; the page then also tells how far
 # its picture is from that of the first.
-VARIANTS: dict[str, Callable[..., Frames]] = {DATA_CENTRIC: SurfaceFrames}
+COARSER = "data-centric, coarser details"
+VARIANTS: dict[str, Callable[..., Frames]] = {
+    DATA_CENTRIC: partial(SurfaceFrames, settings=RenderSettings(screen_error=0.0)),
+    COARSER: SurfaceFrames,
+}
 
 
 def surfaces_of(scene: RaycastScene, size: int, per_slope: int) -> dict[str, Callable[[], Frames]]:
     """The data-centric renderer in all its variants, over the same surfaces."""
-    quality = Quality(per_slope=per_slope)
+    quality = Quality(per_slope=per_slope, details=MOST_DETAILS)
     surfaces, plan, _, _ = prepare_surfaces(scene.volume, scene.transfer_function, quality)
     return {name: partial(variant, surfaces, plan, scene.camera, size) for name, variant in VARIANTS.items()}
 

@@ -14,6 +14,7 @@ from benchmarks.surface_frames import SurfaceFrames
 from isosample.rendering.method_choice import is_sharp
 from isosample.rendering.preparation import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, Integration
+from isosample.surfaces.detail import MOST_DETAILS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 NARROW_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of VTK for a near-Dirac peak, which it samples in vain
 ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
+COARSER = "data-centric, coarser details"
 VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
 # Of the ray caster's methods these take longer than another one at every error (see RESULTS.md).
 LEFT_OUT = ("post-classified, trapezoid", "peak finding, integral weights, secant")
@@ -44,11 +46,12 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
             REFINEMENTS,
         )
     else:
-        found[DATA_CENTRIC] = (_surfaces(scene, size, 1), PER_SLOPE)
+        found[DATA_CENTRIC] = (_surfaces(scene, size), PER_SLOPE)
+        found[COARSER] = (_surfaces(scene, size, details=MOST_DETAILS), PER_SLOPE)
         if (
             scene.volume.array.dtype == np.float32
         ):  # four times the triangles of a scan take longer than any step
-            found[REFINED] = (_surfaces(scene, size, 2), REFINED_PER_SLOPE)
+            found[REFINED] = (_surfaces(scene, size, refine=2), REFINED_PER_SLOPE)
     for name in casters_for(scene):
         found[name] = _caster(scene, size, name)
     if has_vtk():
@@ -82,8 +85,12 @@ def casters_for(scene: RaycastScene) -> list[str]:
     ]
 
 
-def _surfaces(scene: RaycastScene, size: int, refine: int) -> Callable[[float], Frames]:
-    return lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=refine))
+def _surfaces(
+    scene: RaycastScene, size: int, *, refine: int = 1, details: int = 0
+) -> Callable[[float], Frames]:
+    return lambda count: SurfaceFrames.of_scene(
+        scene, size, Quality(per_slope=int(count), refine=refine, details=details)
+    )
 
 
 def _caster(scene: RaycastScene, size: int, name: str) -> tuple[Callable[[float], Frames], Sequence[float]]:
