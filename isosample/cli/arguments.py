@@ -126,7 +126,7 @@ def add_details_option(parser: argparse.ArgumentParser) -> None:
         "--details",
         type=values.details,
         metavar="N",
-        help="make N coarser meshes too (1 to 4: within 1/16, 1/8, 1/4, 1/2 voxel of the isosurfaces); a picture takes "
+        help="make N coarser meshes too (1 to 5: within 1/32, 1/16, … 1/2 voxel of the isosurfaces); a picture takes "
         "the coarsest that --screen-error allows: pays for films and for meshes that are rendered often "
         "(default 0)",
     )

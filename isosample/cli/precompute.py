@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --tolerance 1/255 --cache head_meshes
-isosample precompute head.nrrd --tf bone.json --details 4 --cache head_meshes
+isosample precompute head.nrrd --tf bone.json --details 5 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --plain --cache-budget 2GiB --cache head_meshes
 isosample precompute huge.zarr --tf bone.json --memory 2GiB --cache huge_meshes
 isosample render head_meshes -o head.png"""

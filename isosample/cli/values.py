@@ -76,9 +76,9 @@ def refine(text: str) -> int | None:
 
 
 def details(text: str) -> int:
-    """Return how many coarser details, 1 to 4."""
-    if text not in ("1", "2", "3", "4"):
-        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from 1 to 4")
+    """Return how many coarser details, 1 to 5."""
+    if text not in ("1", "2", "3", "4", "5"):
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from 1 to 5")
     return int(text)
 
 

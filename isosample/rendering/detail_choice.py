@@ -60,7 +60,7 @@ class DetailChoice:
         """How far apart crossings of one place may lie in the wrong order [diagonals of a cell].
 
         Meshes of neighbouring isovalues cut each other within a triangle. As extracted it lies in one cell. Where it is
-        δ voxel from a surface of radius R it is about √(8 δ R) long: 2 to 9 diagonals from detail 1 to 4 for R up to
+        δ voxel from a surface of radius R it is about √(8 δ R) long: 1.5 to 9 diagonals from detail 1 to 5 for R up to
         some 60 voxels.
         """
         coarsest = int(self._detail[chosen].max(initial=0))

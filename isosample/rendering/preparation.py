@@ -55,7 +55,7 @@ class Quality:
     curved : bool or None
         Which triangles `refine=None` measures, see `RenderSettings.curved`.
     details : int
-        0 to 4: so many coarser details are extracted too, for frames that are rendered again and again; see
+        0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
         `surfaces.detail`.
 
     Raises

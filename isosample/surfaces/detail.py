@@ -1,7 +1,7 @@
 r"""Levels of detail: coarser meshes of an isosurface, brick by brick.
 
-Detail 0 is the mesh as extracted, detail d the same with as few triangles as stay within :math:`2^{d-5}` voxel of the
-isosurface: 1/16, 1/8, 1/4 and 1/2 voxel. Vertices are moved onto neighbours (half-edge collapses, Hoppe et al., "Mesh
+Detail 0 is the mesh as extracted, detail d the same with as few triangles as stay within :math:`2^{d-6}` voxel of the
+isosurface: 1/32 for d = 1 to 1/2 for d = 5. Vertices are moved onto neighbours (half-edge collapses, Hoppe et al., "Mesh
 optimization", SIGGRAPH 1993), those first whose removal the gradients at the vertices say bends the surface least, and
 none is moved before the field was looked at inside the triangles that this makes.
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Surfaces = TypeVar("Surfaces", SurfaceSet, StoredSurfaces)
 
-MOST_DETAILS = 4
+MOST_DETAILS = 5
 FEWEST_TRIANGLES = 16  # smaller meshes are left as they are
 WORTHWHILE = 0.75  # of the triangles: where more are left, there is no such detail
 

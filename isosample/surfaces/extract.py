@@ -72,7 +72,7 @@ def extract_surfaces(
         True: measure how far the triangles are from the isosurface (`BrickMesh.residuals`,
         `SurfaceSet.mesh_errors`), which takes about twice as long as the extraction itself.
     detail : int
-        0, or 1 to 4 for coarser meshes, within 1/16 to 1/2 voxel of the isosurfaces; see `isosample.surfaces.detail`.
+        0, or 1 to 5 for coarser meshes, within 1/32 to 1/2 voxel of the isosurfaces; see `isosample.surfaces.detail`.
         Pieces that would hardly get coarser are left out.
     progress : callable, optional
         Called with (bricks done, bricks to do) after every brick.
@@ -138,7 +138,7 @@ def extract_details(
     volume, isovalues, options
         As for `extract_surfaces`.
     details : int
-        1 to 4 coarser details, see `isosample.surfaces.detail`.
+        1 to 5 coarser details, see `isosample.surfaces.detail`.
 
     Raises
     ------

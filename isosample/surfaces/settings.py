@@ -42,7 +42,7 @@ class ExtractionSettings:
         Into how many pieces an edge of the marching-cubes mesh may be divided where the surface bends: 1, 2,
         4 or 8.
     detail : int
-        0: meshes as extracted; 1 to 4: coarser ones, see `surfaces.detail`.
+        0: meshes as extracted; 1 to 5: coarser ones, see `surfaces.detail`.
     residuals : bool
         Whether the meshes carry their distance from the isosurface (`BrickMesh.residuals`, `error`).
 

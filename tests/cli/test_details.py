@@ -39,7 +39,7 @@ def test_pictures_of_a_folder_with_details_take_fewer_triangles(run: Run, smooth
     for name, options in {
         "plain": "",
         "fine": "--screen-error 0",
-        "near": "--screen-error 1/12",
+        "near": "--screen-error 1/5",
         "far": "--screen-error 1",
     }.items():
         source = "plain" if name == "plain" else "fine"
@@ -95,9 +95,9 @@ def test_a_budget_leaves_the_details_of_the_scene(run: Run, smooth: Path) -> Non
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("precompute smooth.npy --details 0", "'0' must be a whole number from 1 to 4"),
-        ("precompute smooth.npy --details 5", "'5' must be a whole number from 1 to 4"),
-        ("precompute smooth.npy --details few", "'few' must be a whole number from 1 to 4"),
+        ("precompute smooth.npy --details 0", "'0' must be a whole number from 1 to 5"),
+        ("precompute smooth.npy --details 6", "'6' must be a whole number from 1 to 5"),
+        ("precompute smooth.npy --details few", "'few' must be a whole number from 1 to 5"),
         ("render smooth.npy --screen-error -1 -o a.png", "must be a number of pixels >= 0"),
         ("render smooth.npy --screen-error nan -o a.png", "nan"),
         (

@@ -122,7 +122,7 @@ def test_a_displacement_covers_less_than_is_asked_for(scene: Scene) -> None:
             )
             widest = max(widest, float(moved.max(initial=0.0)))
             details.add(int(chunk["detail"]))
-    assert len(details) >= 4
+    assert len(details) >= 5
     assert (
         0.25 * largest < widest <= largest * (1 + 1e-3)
     )  # details differ by a factor of 2; the finite step by 1e-6
@@ -257,8 +257,8 @@ def test_preparation_adds_details_from_memory_and_from_a_folder(tmp_path: Path) 
     for other in (cached, again, stored):
         assert [one.statistics.triangles for one in (other.surfaces, *other.surfaces.details)] == counts
     assert [one.statistics.brick_visits for one in again.surfaces.details] == [0, 0]
-    with pytest.raises(InputError, match="details 5 must be a whole number from 0 to 4"):
-        Quality(details=5)
+    with pytest.raises(InputError, match="details 6 must be a whole number from 0 to 5"):
+        Quality(details=6)
 
 
 def test_a_tolerance_decides_how_coarse_pictures_may_be(gl: moderngl.Context) -> None:
