@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import RenderSettings as RenderSettings
     from isosample.rendering.step_search import step_for_tolerance as step_for_tolerance
     from isosample.rendering.turntable import turntable as turntable
-    from isosample.surfaces.extract import extract_details as extract_details
+    from isosample.surfaces.detail_sets import extract_details as extract_details
     from isosample.surfaces.extract import extract_meshes
     from isosample.surfaces.extract import extract_surfaces as extract_surfaces
     from isosample.transfer.control_points import ControlPoint as ControlPoint
@@ -92,7 +92,7 @@ _HOMES = {
     "Volume": "volume.grid",
     "choose_method": "rendering.method_choice",
     "extract": "surfaces.extract:extract_meshes",
-    "extract_details": "surfaces.extract",
+    "extract_details": "surfaces.detail_sets",
     "extract_surfaces": "surfaces.extract",
     "open_volume": "volume.readers",
     "plan_isovalues": "transfer.isovalues",

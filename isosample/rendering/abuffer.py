@@ -410,9 +410,10 @@ class ABuffer:
     ) -> _Frame:
         block = frame_block(self._scene, camera, size, settings)
         chosen = self._details.chosen(block[0], settings.screen_error)
-        coarse = int((chosen & (self._device.meshes.chunks["detail"] > 0)).sum())
+        coarser = self._device.meshes.chunks["detail"] > 0
+        detailed = settings.screen_error > 0.0 and bool(coarser.any())
         block[0]["reach"] *= self._details.reach(chosen)
-        curved = (self._scene.smooth or coarse > 0) if settings.curved is None else settings.curved
+        curved = (self._scene.smooth or detailed) if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
         # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
         # masked, whose border is drawn in any case.
@@ -426,7 +427,7 @@ class ABuffer:
         statistics = frame.statistics
         statistics.chunks, statistics.chunks_outside_view = found.pieces, found.outside_view
         statistics.chunks_clipped, statistics.triangles_drawn = found.clipped, found.triangles
-        statistics.chunks_coarse = coarse
+        statistics.chunks_coarser = int((chosen & coarser).sum())
         self._upload(frame)
         return frame
 

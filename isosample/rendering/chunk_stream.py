@@ -194,7 +194,7 @@ def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) 
     if vertex_count >= 2**32 or index_count >= 2**31:
         raise CapacityError(
             f"{vertex_count} vertices and {index_count // 3} triangles are more than one draw can name; "
-            "use fewer isovalues (--per-slope)."
+            "use fewer isovalues (--per-slope) or details."
         )
     vertices = np.empty(vertex_count, dtype=VERTEX_DTYPE)
     indices = np.empty(index_count, dtype=np.uint32)

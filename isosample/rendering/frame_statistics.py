@@ -34,7 +34,7 @@ class FrameStatistics:
         Memory of the fragment pool.
     chunks : int
         Pieces of the meshes, (isovalue, brick).
-    chunks_coarse : int
+    chunks_coarser : int
         Of these, those that the picture takes at a coarser detail than the finest.
     chunks_outside_view : int
         Pieces that were not drawn because they lie beside the picture (or behind the eye, where that is outside
@@ -60,7 +60,7 @@ class FrameStatistics:
     tiles: int = 0
     pool_bytes: int = 0
     chunks: int = 0
-    chunks_coarse: int = 0
+    chunks_coarser: int = 0
     chunks_outside_view: int = 0
     chunks_clipped: int = 0
     triangles_drawn: int = 0

@@ -279,7 +279,7 @@ def statistics_of(
             "chunks_outside_view": counts.pop("chunks_outside_view"),
             "chunks_clipped": counts.pop("chunks_clipped"),
             "chunks_of": counts.pop("chunks"),
-            "chunks_coarser": counts.pop("chunks_coarse"),
+            "chunks_coarser": counts.pop("chunks_coarser"),
             **{f"plan: {reason}": count for reason, count in scene.plan.skipped.items()},
         },
         **counts,

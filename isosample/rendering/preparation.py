@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
 from isosample.surfaces.cache import extract_with_cache
-from isosample.surfaces.detail import MOST_DETAILS, with_details
+from isosample.surfaces.detail_sets import check_details, with_details
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
 from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS, ExtractionSettings
@@ -86,8 +86,7 @@ class Quality:
             raise InputError(
                 f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
             )
-        if isinstance(self.details, bool) or self.details not in range(MOST_DETAILS + 1):
-            raise InputError(f"details {self.details!r} must be a whole number from 0 to {MOST_DETAILS}.")
+        check_details(self.details)
 
 
 class PreparedSurfaces(NamedTuple):

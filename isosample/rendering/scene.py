@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,6 +131,7 @@ class Scene:
         CapacityError
             If there are more vertices than 32-bit indices can name.
         """
+        _check_details(surfaces)
         rows = _rows_of_plan(surfaces, plan)
         _check_magnitudes(surfaces.geometry.box.radius, plan)
         scale = ValueScale(*surfaces.value_range)
@@ -176,6 +177,20 @@ def _rows_of_plan(surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> 
             f"{float(missing[0])!r}; extract them, or render with the transfer function they belong to."
         )
     return rows
+
+
+def _check_details(surfaces: SurfaceSet | StoredSurfaces) -> None:
+    """Raise unless the surfaces are whole and their details those of the same surfaces, one after the other."""
+    for expected, part in enumerate((surfaces, *surfaces.details)):
+        if part.settings != replace(surfaces.settings, detail=expected):
+            raise InputError(
+                f"surfaces with the settings {part.settings} stand where detail {expected} is expected; pass what "
+                "extract_details gives."
+            )
+        if not np.array_equal(part.isovalues, surfaces.isovalues):
+            raise InputError(
+                f"detail {expected} has other isovalues than the finest surfaces; extract them together."
+            )
 
 
 def _check_magnitudes(radius: float, plan: IsovaluePlan) -> None:

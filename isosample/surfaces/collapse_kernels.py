@@ -1,6 +1,6 @@
 """Half-edge collapses on one mesh, each measured against the field before it is made: compiled, in float64.
 
-A mesh is its triangles and, per vertex, a linked list of the corners there; corner 3 t + i is vertex i of triangle t.
+The linked lists of corners are those of `ring_kernels`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,14 @@ import numpy as np
 
 from isosample.compiled import compiled
 from isosample.surfaces.residual_kernels import largest_distance
+from isosample.surfaces.ring_kernels import (
+    LARGEST_RING,
+    NONE,
+    fan_of,
+    keeps_topology,
+    move_onto,
+    ordered_ring,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -20,8 +28,6 @@ if TYPE_CHECKING:
     I32 = npt.NDArray[np.int32]
     Bool = npt.NDArray[np.bool_]
 
-NONE = -1
-LARGEST_RING = 48  # neighbours that a vertex may have or get
 LEAST_COSINE = 0.25  # between a new triangle's normal and the gradients at its corners
 LEAST_SHAPE = 0.005  # of a new triangle: 1 is equilateral, 0 a line
 FIRST_SHARE = 1.0 / 8.0  # of the tolerance: collapses that cost little come first
@@ -126,60 +132,6 @@ def collapse(
 
 
 @compiled
-def ordered_ring(vertex: int, triangles: I32, first: I32, following: I32, ring: I32) -> int:
-    """Put the neighbours of a vertex into `ring`, in turn; return how many, 0 if they are no single closed ring.
-
-    Triangle n at the vertex has the neighbours n and n + 1. Corners of triangles that are gone leave the list.
-    """
-    before, corner, size = NONE, first[vertex], 0
-    while corner != NONE:
-        t = corner // 3
-        if triangles[t, 0] == NONE:
-            if before == NONE:
-                first[vertex] = following[corner]
-            else:
-                following[before] = following[corner]
-        else:
-            size += 1
-            before = corner
-        corner = following[corner]
-    if size < 3 or size > LARGEST_RING:
-        return 0
-    t = first[vertex] // 3
-    start = after(triangles, t, vertex)
-    here = start
-    for n in range(size):
-        ring[n] = here
-        here = after_neighbour(vertex, here, triangles, first, following)
-        if here == NONE or (here == start) != (n == size - 1):
-            return 0
-    return size
-
-
-@compiled
-def after(triangles: I32, t: int, vertex: int) -> int:
-    """The corner of a triangle that comes after a vertex."""
-    if triangles[t, 0] == vertex:
-        return int(triangles[t, 1])
-    return int(triangles[t, 2] if triangles[t, 1] == vertex else triangles[t, 0])
-
-
-@compiled
-def after_neighbour(vertex: int, neighbour: int, triangles: I32, first: I32, following: I32) -> int:
-    """The third corner of the only triangle with the side (vertex, neighbour); −1 if there is not just one."""
-    found = NONE
-    corner = first[vertex]
-    while corner != NONE:
-        t = corner // 3
-        if after(triangles, t, vertex) == neighbour:
-            if found != NONE:
-                return NONE
-            found = after(triangles, t, neighbour)
-        corner = following[corner]
-    return found
-
-
-@compiled
 def cheapest(
     vertex: int,
     ring: I32,
@@ -206,7 +158,7 @@ def cheapest(
                 break
         # moving along an almost straight side is preferred to moving across one that bends
         cost = max(cost, sagitta(vertex, ring[n], positions, gradients))
-        if cost < least and is_link(vertex, ring, size, n, triangles, first, following, marked, mark):
+        if cost < least and keeps_topology(vertex, ring, size, n, triangles, first, following, marked, mark):
             best, least = n, cost
     return best
 
@@ -222,51 +174,6 @@ def sagitta(a: int, b: int, positions: F64, gradients: F64) -> float:
     if square == 0.0:
         return math.inf
     return abs(bend) / (8.0 * math.sqrt(square))
-
-
-@compiled
-def is_link(
-    vertex: int,
-    ring: I32,
-    size: int,
-    onto: int,
-    triangles: I32,
-    first: I32,
-    following: I32,
-    marked: I32,
-    mark: int,
-) -> bool:
-    """Whether the two ends of a side have no common neighbours but the two opposite it, and none gets too many."""
-    target = ring[onto]
-    left, right = ring[(onto + size - 1) % size], ring[(onto + 1) % size]
-    corner, degree = first[target], 0
-    while corner != NONE:
-        t = corner // 3
-        corner = following[corner]
-        if triangles[t, 0] == NONE:
-            continue
-        degree += 1
-        a = after(triangles, t, target)
-        b = after(triangles, t, a)
-        if a == vertex or b == vertex:
-            continue
-        if (marked[a] == mark and a != left and a != right) or (
-            marked[b] == mark and b != left and b != right
-        ):
-            return False
-        if size == 3 and marked[a] == mark and marked[b] == mark:
-            return False  # the triangle that would be made is there already
-    return degree + size - 4 <= LARGEST_RING
-
-
-@compiled
-def fan_of(ring: I32, size: int, onto: int, fan: I32) -> int:
-    """Put the triangles that a collapse makes into `fan`; return how many."""
-    for n in range(size - 2):
-        fan[n, 0] = ring[onto]
-        fan[n, 1] = ring[(onto + n + 1) % size]
-        fan[n, 2] = ring[(onto + n + 2) % size]
-    return size - 2
 
 
 @compiled
@@ -298,19 +205,3 @@ def difference(positions: F64, a: int, b: int) -> tuple[float, float, float]:
         positions[b, 1] - positions[a, 1],
         positions[b, 2] - positions[a, 2],
     )
-
-
-@compiled
-def move_onto(vertex: int, target: int, triangles: I32, first: I32, following: I32) -> None:
-    """Make the target the corner of all triangles at the vertex; the two that have both are gone."""
-    corner = first[vertex]
-    while corner != NONE:
-        t, following_corner = corner // 3, following[corner]
-        if triangles[t, 0] == target or triangles[t, 1] == target or triangles[t, 2] == target:
-            triangles[t, 0] = NONE
-        else:
-            triangles[t, corner % 3] = target
-            following[corner] = first[target]
-            first[target] = corner
-        corner = following_corner
-    first[vertex] = NONE

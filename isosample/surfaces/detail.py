@@ -1,9 +1,10 @@
 r"""Levels of detail: coarser meshes of an isosurface, brick by brick.
 
-Detail 0 is the mesh as extracted, detail d the same with as few triangles as stay within :math:`2^{d-6}` voxel of the
-isosurface: 1/32 for d = 1 to 1/2 for d = 5. Vertices are moved onto neighbours (half-edge collapses, Hoppe et al., "Mesh
-optimization", SIGGRAPH 1993), those first whose removal the gradients at the vertices say bends the surface least, and
-none is moved before the field was looked at inside the triangles that this makes.
+Detail 0 is the mesh as extracted, detail d the same with fewer triangles, each within :math:`2^{d-6}` voxel of the
+isosurface where it was looked at: 1/32 for d = 1 to 1/2 for d = 5. Vertices are moved onto neighbours (half-edge
+collapses, Hoppe et al., "Mesh optimization", SIGGRAPH 1993), those first whose removal the gradients at the vertices
+say bends the surface least, and none is moved before the field was looked at, at places less than a voxel apart,
+inside the triangles that this makes. So a bump that is a voxel wide cannot get lost below a large triangle.
 
 - Every vertex that is left was a vertex before. It lies on the isosurface and keeps its gradient, bit for bit, which
   edge collapses to the places that minimise a quadric (Garland and Heckbert 1997) would have to mend afterwards.
@@ -13,20 +14,13 @@ none is moved before the field was looked at inside the triangles that this make
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from isosample.surfaces.brick_samples import BrickSamples
     from isosample.surfaces.refine import NamedMesh
-    from isosample.surfaces.stored_surfaces import StoredSurfaces
-    from isosample.surfaces.surface_set import SurfaceSet
-
-    Surfaces = TypeVar("Surfaces", SurfaceSet, StoredSurfaces)
 
 MOST_DETAILS = 5
 FEWEST_TRIANGLES = 16  # smaller meshes are left as they are
@@ -36,14 +30,6 @@ WORTHWHILE = 0.75  # of the triangles: where more are left, there is no such det
 def detail_tolerance(detail: int) -> float:
     """Largest distance from the isosurface that a detail adds [voxel]; 0 for detail 0."""
     return 2.0 ** (detail - 1 - MOST_DETAILS) if detail else 0.0
-
-
-def with_details(extract: Callable[[int], Surfaces], details: int) -> Surfaces:
-    """Return surfaces with so many coarser details; `extract` gives those of one detail."""
-    surfaces = extract(0)
-    if details == 0:
-        return surfaces
-    return replace(surfaces, details=tuple(extract(detail) for detail in range(1, details + 1)))
 
 
 def coarsened(mesh: NamedMesh, brick: BrickSamples, isovalue: float, detail: int) -> NamedMesh | None:
@@ -65,7 +51,7 @@ def coarsened(mesh: NamedMesh, brick: BrickSamples, isovalue: float, detail: int
 
     Notes
     -----
-    The distance is abs(field − isovalue) / abs(gradient) at seven points of new triangles, see `mesh_error.measure`.
+    The distance is abs(field − isovalue) / abs(gradient) at the points of `residual_kernels.largest_distance`.
     Triangles that no collapse touched are as far away as they were.
     """
     from isosample.surfaces.collapse_kernels import collapse

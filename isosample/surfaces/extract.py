@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_samples import BrickSamples, load_brick, spline_brick
-from isosample.surfaces.detail import MOST_DETAILS, coarsened, with_details
+from isosample.surfaces.detail import coarsened
 from isosample.surfaces.marching_cubes import march_levels
 from isosample.surfaces.mesh import BrickMesh, Mesh, no_residuals
 from isosample.surfaces.mesh_error import measure
@@ -126,26 +126,6 @@ def extract_surfaces(
             vertices=count_per_level(levels, meshes, "positions"),
         ),
     )
-
-
-def extract_details(
-    volume: Volume, isovalues: Sequence[float] | F64, details: int = MOST_DETAILS, **options: Any
-) -> SurfaceSet:
-    """Return isosurfaces with coarser meshes, of which each picture takes the coarsest that it can (`screen_error`).
-
-    Parameters
-    ----------
-    volume, isovalues, options
-        As for `extract_surfaces`.
-    details : int
-        1 to 5 coarser details, see `isosample.surfaces.detail`.
-
-    Raises
-    ------
-    InputError
-        As `extract_surfaces`.
-    """
-    return with_details(lambda detail: extract_surfaces(volume, isovalues, detail=detail, **options), details)
 
 
 def extract_meshes(

@@ -32,6 +32,7 @@ POINTS = (
     (_CORNER, 1.0 - 2.0 * _CORNER, _CORNER, CORNER_WEIGHT),
     (1.0 - 2.0 * _CORNER, _CORNER, _CORNER, CORNER_WEIGHT),
 )
+POINT_SHARES = tuple(point[:3] for point in POINTS)
 
 
 @compiled
@@ -172,19 +173,55 @@ def largest_distance(
     triangles: I32,
     limit: float,
 ) -> float:
-    """Largest first-order distance of seven points of every triangle from the isosurface [voxel], or one > `limit`."""
+    """Largest first-order distance from the isosurface of points of the triangles [voxel], or one above `limit`.
+
+    Seven points each, those of `POINTS`, and where a side is longer than a voxel the centroids of the parts of a
+    regular division into triangles whose sides are not. Where there is no gradient, the distance is that of
+    `LARGEST_DISTANCE`.
+    """
     largest = 0.0
     for t in range(len(triangles)):
         corners = triangles[t]
         one, lowest = common_cell(positions, corners)
-        for la, lb, lc, _ in POINTS:
-            cell, place = place_in(positions, corners, (la, lb, lc), one, lowest)
+        parts = math.ceil(longest_side(positions, corners))
+        count = len(POINTS) + (parts * parts if parts > 1 else 0)
+        for n in range(count):
+            shares = POINT_SHARES[n] if n < len(POINTS) else part_centre(n - len(POINTS), parts)
+            cell, place = place_in(positions, corners, shares, one, lowest)
             there = (cell[0] + origin[0], cell[1] + origin[1], cell[2] + origin[2])
             value, gx, gy, gz = field_value_gradient(coefficients, kernel, smooth, there, place)
+            if gx == 0.0 and gy == 0.0 and gz == 0.0:
+                return LARGEST_DISTANCE
             largest = max(largest, distance_of(abs(value - isovalue), gx, gy, gz))
             if largest > limit:
                 return largest
     return largest
+
+
+@compiled
+def longest_side(positions: F64, corners: I32) -> float:
+    """Length of a triangle's longest side [voxel]."""
+    longest = 0.0
+    for corner in range(3):
+        a, b = corners[corner], corners[(corner + 1) % 3]
+        x, y, z = (
+            positions[b, 0] - positions[a, 0],
+            positions[b, 1] - positions[a, 1],
+            positions[b, 2] - positions[a, 2],
+        )
+        longest = max(longest, x * x + y * y + z * z)
+    return math.sqrt(longest)
+
+
+@compiled
+def part_centre(number: int, parts: int) -> Three:
+    """Barycentric coordinates of the centroid of one of parts² equal triangles into which a triangle is divided."""
+    row, column = number // parts, number % parts
+    turned = row + column >= parts  # the other half of the parallelogram, folded back: triangles upside down
+    i, j = (parts - 1 - row, parts - 1 - column) if turned else (row, column)
+    third = 2.0 / 3.0 if turned else 1.0 / 3.0
+    u, v = (i + third) / parts, (j + third) / parts
+    return u, v, 1.0 - u - v
 
 
 @compiled

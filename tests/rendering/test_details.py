@@ -19,7 +19,8 @@ from isosample.rendering.preparation import Quality, prepare_stored_surfaces, pr
 from isosample.rendering.scene import Scene
 from isosample.rendering.screen_error import screen_error_within
 from isosample.rendering.settings import ClipPlane, RenderSettings
-from isosample.surfaces.detail import MOST_DETAILS, detail_tolerance, with_details
+from isosample.surfaces.detail import MOST_DETAILS, detail_tolerance
+from isosample.surfaces.detail_sets import with_details
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
 from isosample.surfaces.settings import ExtractionSettings
@@ -154,7 +155,7 @@ def test_the_finest_picture_is_that_without_details(gl: moderngl.Context, scene:
             expected, cost = plain.render(camera, SIZE, RenderSettings())
             found, finest = detailed.render(camera, SIZE, RenderSettings(screen_error=0.0))
             assert np.array_equal(found, expected)
-            assert (finest.chunks, finest.triangles_drawn, finest.chunks_coarse) == (
+            assert (finest.chunks, finest.triangles_drawn, finest.chunks_coarser) == (
                 cost.chunks,
                 cost.triangles_drawn,
                 0,
@@ -167,8 +168,8 @@ def test_coarser_pictures_lose_no_crossing_and_hardly_differ(gl: moderngl.Contex
         for camera in cameras(blobs()):
             expected, fine = abuffer.render(camera, SIZE, RenderSettings(screen_error=0.0))
             found, coarse = abuffer.render(camera, SIZE, RenderSettings(screen_error=0.25))
-            seen += coarse.chunks_coarse
-            assert (coarse.triangles_drawn < fine.triangles_drawn) == (coarse.chunks_coarse > 0)
+            seen += coarse.chunks_coarser
+            assert (coarse.triangles_drawn < fine.triangles_drawn) == (coarse.chunks_coarser > 0)
             assert (coarse.lost_fragments, coarse.unrepaired_pixels, coarse.band_violations) == (0, 0, 0)
             # The impulse appears or not in a pixel whose centre its outline passes by: it moves by a quarter
             # of a pixel at most, so in a quarter of the outlines' pixels at most. Two outlines, seen from
@@ -176,7 +177,7 @@ def test_coarser_pictures_lose_no_crossing_and_hardly_differ(gl: moderngl.Contex
             # 1.6 %; three times that is allowed.
             difference = np.abs(found - expected).max(axis=-1)
             assert (difference > 0.02).mean() < 0.05
-            assert (difference.max() > 0.0) == (coarse.chunks_coarse > 0)
+            assert (difference.max() > 0.0) == (coarse.chunks_coarser > 0)
     assert seen > 50
 
 
@@ -234,6 +235,29 @@ def test_clip_planes_rule_out_pieces_of_the_chosen_details_only(gl: moderngl.Con
         _, cut = abuffer.render(camera, SIZE, RenderSettings(clip_planes=(plane,)))
     assert cut.chunks == whole.chunks
     assert cut.chunks_clipped + cut.chunks_outside_view <= cut.chunks
+
+
+def test_details_of_other_surfaces_are_refused() -> None:
+    volume = blobs()
+    plan = plan_of(volume)
+    surfaces = surfaces_of(volume, plan, 2)
+    for wrong in (
+        surfaces.details[0],
+        replace(surfaces, details=surfaces.details[1:]),
+        replace(surfaces, details=(replace(surfaces.details[0], isovalues=surfaces.isovalues + 0.01),)),
+    ):
+        with pytest.raises(InputError, match="detail"):
+            Scene.build(wrong, plan)
+
+
+def test_a_piece_of_which_it_is_not_known_where_it_lies_is_shown_at_its_finest(scene: Scene) -> None:
+    levels = (replace(scene.levels[0], chunks=None), *scene.levels[1:])
+    mixed = replace(scene, levels=levels)
+    camera = cameras(blobs())[0]
+    chunks = mixed.chunks()
+    frame = frame_block(mixed, camera, SIZE, RenderSettings())[0]
+    taken = DetailChoice(chunks, max(SPACING)).chosen(frame, 9.0)
+    assert taken[np.isinf(chunks["low"]).any(axis=1)].all()
 
 
 @pytest.mark.parametrize("screen_error", [-0.1, float("nan"), float("inf")])

@@ -15,19 +15,20 @@ from test_surface_cache import assert_same_bits, scene_volume, written_scene
 from isosample.errors import InputError
 from isosample.surfaces.brick_samples import BrickSamples, gradients_at, load_brick
 from isosample.surfaces.cache import extract_with_cache, load_cache, open_cache
-from isosample.surfaces.collapse_kernels import collapse, is_link
+from isosample.surfaces.collapse_kernels import collapse
 from isosample.surfaces.detail import (
     FEWEST_TRIANGLES,
     MOST_DETAILS,
     coarsened,
     detail_tolerance,
-    with_details,
 )
+from isosample.surfaces.detail_sets import extract_details, with_details
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import weld
 from isosample.surfaces.out_of_core import extract_into_store
 from isosample.surfaces.refine import NamedMesh
 from isosample.surfaces.residual_kernels import POINTS, largest_distance
+from isosample.surfaces.ring_kernels import keeps_topology
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.volume.analytic import GaussianMixture, sample_field
@@ -73,16 +74,20 @@ def points_of(mesh: BrickMesh, triangles: npt.NDArray[np.int32]) -> F64:
 
 
 def distances(volume: Volume, mesh: BrickMesh, triangles: npt.NDArray[np.int32]) -> F64:
+    """Of the places that are looked at, see `first_order`."""
+    return first_order(volume, mesh.isovalue, points_of(mesh, triangles))
+
+
+def first_order(volume: Volume, isovalue: float, points: F64) -> F64:
     """First-order distances from the isosurface of the trilinear field, by scipy and differences over 2e-6 voxel."""
     samples = np.asarray(volume.array, dtype=np.float64)
-    points = points_of(mesh, triangles)
 
     def field(places: F64) -> F64:
         found: F64 = map_coordinates(samples, places.T[::-1], order=1, mode="nearest")
         return found
 
     slopes = [(field(points + 1e-6 * axis) - field(points - 1e-6 * axis)) / 2e-6 for axis in np.eye(3)]
-    found: F64 = np.abs(field(points) - mesh.isovalue) / np.linalg.norm(slopes, axis=0)
+    found: F64 = np.abs(field(points) - isovalue) / np.linalg.norm(slopes, axis=0)
     return found
 
 
@@ -121,6 +126,29 @@ def test_new_triangles_are_within_the_tolerance_of_the_isosurface(detail: int) -
         found = distances(volume, mesh, mesh.triangles[new])[clear]
         assert found.size > 0
         assert found.max() <= detail_tolerance(detail) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("detail", DETAILS[1:])
+def test_between_the_places_that_were_looked_at_the_surface_is_not_much_farther(detail: int) -> None:
+    """At random points: radii are 6 voxels at least, so that the surface rises 1² / (8 * 6) between two places."""
+    volume, rng = blobs(), np.random.default_rng(detail)
+    for mesh in extracted(volume, 0.4, detail).meshes:
+        shares = rng.dirichlet((1.0, 1.0, 1.0), size=40)
+        corners = mesh.positions.astype(np.float64)[mesh.triangles] + np.array(mesh.start)
+        points = np.einsum("pk,tkc->tpc", shares, corners).reshape(-1, 3)
+        assert first_order(volume, mesh.isovalue, points).max() <= detail_tolerance(detail) + 1.0 / 48.0
+
+
+def test_a_bump_does_not_get_lost_below_a_large_triangle() -> None:
+    """A plane with a bump 1.5 voxels wide and 0.6 high, between the seven points of any large triangle."""
+    x, y, z = index_grid((32,) * 3)
+    height = 15.3 + 0.6 * np.exp(-((x - 13.2) ** 2 + (y - 17.4) ** 2) / (2 * 1.5**2))
+    volume = Volume((height - z).astype(np.float32))
+    for detail in (3, 4):
+        (mesh,) = extract_surfaces(volume, [0.0], detail=detail).meshes
+        assert mesh.positions[:, 2].max() > 15.3 + 0.6 - 2 * detail_tolerance(detail)
+        seen = np.hypot(mesh.positions[:, 0] - 13.2, mesh.positions[:, 1] - 17.4) < 4.0
+        assert seen.sum() < 0.2 * np.pi * 16 * 3  # three vertices per cell of the mesh as extracted
 
 
 def test_each_detail_is_coarser_than_the_one_before() -> None:
@@ -220,7 +248,8 @@ def test_a_collapse_that_would_change_the_topology_is_not_made(
     marked[ring] = 7
     around = np.array(ring + [0] * (24 - len(ring)), dtype=np.int32)
     found = [
-        is_link(0, around, len(ring), onto, corners, first, following, marked, 7) for onto in range(len(ring))
+        keeps_topology(0, around, len(ring), onto, corners, first, following, marked, 7)
+        for onto in range(len(ring))
     ]
     assert found == allowed
 
@@ -231,6 +260,32 @@ def test_where_there_is_no_field_a_triangle_is_too_far_away() -> None:
     triangle = np.array([[0, 1, 2]], dtype=np.int32)
     far = largest_distance(samples, np.zeros((4, 4)), False, np.zeros(3), 0.0, corners, triangle, 0.1)
     assert far > 0.1
+
+
+def test_a_plateau_at_the_isovalue_is_no_isosurface_to_lie_on() -> None:
+    """A ball cut off at the isovalue: inside it the field equals the isovalue and has no gradient."""
+    x, y, z = index_grid((24,) * 3)
+    ball = np.minimum(8.0 - np.sqrt((x - 11.6) ** 2 + (y - 11.6) ** 2 + (z - 11.6) ** 2), 0.0)
+    volume = Volume(ball.astype(np.float32))
+    finest = extract_surfaces(volume, [0.0]).mesh(0)
+    for detail in DETAILS:
+        coarse = extract_surfaces(volume, [0.0], detail=detail)
+        if coarse.meshes:
+            # chords of the finest mesh already are (1/2)² / 16 inside; tolerance and as much again are allowed
+            away = np.linalg.norm(
+                coarse.mesh(0).vertices[coarse.mesh(0).triangles].mean(axis=1) - 11.6, axis=1
+            )
+            near = np.linalg.norm(finest.vertices[finest.triangles].mean(axis=1) - 11.6, axis=1)
+            assert away.min() >= near.min() - 2 * detail_tolerance(detail)
+
+
+def test_extract_details_gives_all_and_refuses_what_there_cannot_be() -> None:
+    surfaces = extract_details(blobs(), [0.4], 2, brick_cells=16)
+    assert [one.settings.detail for one in (surfaces, *surfaces.details)] == [0, 1, 2]
+    assert extract_details(blobs(), [0.4], 0).details == ()
+    for details in (-1, 6, True):
+        with pytest.raises(InputError, match="must be a whole number from 0 to 5"):
+            extract_details(blobs(), [0.4], details)
 
 
 def test_what_would_hardly_get_coarser_is_left_out() -> None:
