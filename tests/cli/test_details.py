@@ -39,7 +39,7 @@ def test_pictures_of_a_folder_with_details_take_fewer_triangles(run: Run, smooth
     for name, options in {
         "plain": "",
         "fine": "--screen-error 0",
-        "near": "--screen-error 1/12",
+        "near": "--screen-error 1/20",
         "far": "--screen-error 1",
     }.items():
         source = "plain" if name == "plain" else "fine"

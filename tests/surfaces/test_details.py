@@ -254,6 +254,30 @@ def test_a_collapse_that_would_change_the_topology_is_not_made(
     assert found == allowed
 
 
+def distance_of_a_large_triangle(samples: F64) -> float:
+    """Of one in the plane z = 1.4 of 24 × 24 voxels, with a limit that nothing reaches."""
+    corners = np.array([[1.0, 1.0, 1.4], [23.0, 1.0, 1.4], [1.0, 23.0, 1.4]])
+    triangle = np.array([[0, 1, 2]], dtype=np.int32)
+    padded = np.pad(samples, 1, mode="edge")
+    found: float = largest_distance(padded, np.zeros((4, 4)), False, np.zeros(3), 0.0, corners, triangle, 9.0)
+    return found
+
+
+def test_a_triangle_is_looked_at_everywhere() -> None:
+    """A bump of 1/2 voxel, 1 voxel wide, anywhere below it, is seen by half at the least: places are 1/2 voxel away."""
+    x, y, z = index_grid((26, 26, 4))
+    for column, row in ((4.3, 4.8), (12.1, 3.4), (6.6, 13.7), (2.5, 19.2)):
+        height = 1.4 + 0.5 * np.exp(-((x - column) ** 2 + (y - row) ** 2) / 2)
+        found = distance_of_a_large_triangle(height - z)
+        # the steepest slope of the bump is 0.5 / sqrt(e) = 0.3, which makes the first-order distance that much shorter
+        assert 0.25 / np.hypot(1.0, 0.3) < found <= 0.5
+    assert distance_of_a_large_triangle(1.4 - z) < 1e-15
+
+
+def test_a_triangle_in_a_plateau_lies_on_no_isosurface() -> None:
+    assert distance_of_a_large_triangle(np.zeros((4, 26, 26))) > 1.0
+
+
 def test_where_there_is_no_field_a_triangle_is_too_far_away() -> None:
     samples = np.full((6, 6, 6), np.nan)
     corners = np.array([[0.5, 0.5, 1.5], [2.5, 0.5, 1.5], [0.5, 2.5, 1.5]])
