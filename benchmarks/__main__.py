@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from benchmarks import (
     bench_abuffer,
     bench_cache,
+    bench_details,
     bench_equal_error,
     bench_extract,
     bench_method_choice,
@@ -33,6 +34,7 @@ PARTS = {
     "extract": bench_extract.report,
     "cache": bench_cache.report,
     "abuffer": bench_abuffer.report,
+    "details": bench_details.report,
     "peeling": bench_peeling.report,
     "equal_error": bench_equal_error.report,
     "scaling": bench_scaling.report,
