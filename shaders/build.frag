@@ -37,7 +37,7 @@ void main() {
     float distance = depth_view * scale;
 #if CURVED
     float error = curved_error(gradient_local, position_local, moment);
-    distance += curved_shift(error, along, length(gradient_local), frame.curved_limit);
+    distance += curved_shift(error, along, length(gradient_local), frame.curved_limit, gl_FrontFacing);
 #endif
     uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(min(abs(along), LARGEST_HALF), 0.0)) << 16);
 #if RESIDUAL

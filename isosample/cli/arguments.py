@@ -198,7 +198,7 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         "--curved",
         action=argparse.BooleanOptionalAction,
         help="move every crossing from its triangle onto the curved surface through the corners (default: with the "
-        "smooth reconstructions, and where coarser meshes are shown)",
+        "smooth reconstructions)",
     )
     group.add_argument(
         "--screen-error",

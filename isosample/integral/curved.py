@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from isosample.volume.grid import F64
 
-LEAST_INCLINE = 0.15  # smallest |cos| between ray and gradient that a shift is computed with
+LEAST_INCLINE = 0.15  # smallest cosine between ray and gradient that a shift is computed with
 
 
 def curved_error(gradient: npt.ArrayLike, position: npt.ArrayLike, moment: npt.ArrayLike) -> F64:
@@ -47,7 +47,11 @@ def curved_error(gradient: npt.ArrayLike, position: npt.ArrayLike, moment: npt.A
 
 
 def curved_shift(
-    error: npt.ArrayLike, along: npt.ArrayLike, steepness: npt.ArrayLike, limit: npt.ArrayLike
+    error: npt.ArrayLike,
+    along: npt.ArrayLike,
+    steepness: npt.ArrayLike,
+    limit: npt.ArrayLike,
+    rising: npt.ArrayLike,
 ) -> F64:
     """Way along the ray to the isosurface: one Newton step.
 
@@ -59,12 +63,19 @@ def curved_shift(
         The gradient's component along the ray, and its length [value / world].
     limit : (...) array_like of float
         Largest way in either direction [world].
+    rising : (...) array_like of bool
+        Whether the value rises along the ray where it crosses the triangle.
 
     Returns
     -------
     shift : (...) float64
-        [world]; a ray that grazes the surface is treated as one with a cosine of 0.15 to the gradient.
+        [world]; a ray that grazes the surface is treated as one with a cosine of 0.15 to the gradient. 0 where the
+        gradient says otherwise than the triangle whether the value rises: near an outline the step would lead to the
+        ray's other crossing with the surface, and past it, so that the two would stand in the wrong order.
     """
-    slope = np.maximum(np.maximum(np.abs(along), LEAST_INCLINE * np.asarray(steepness)), 1e-30)
-    signed = np.where(np.asarray(along) < 0.0, error, -np.asarray(error, dtype=np.float64))
-    return np.clip(signed / slope, -np.asarray(limit), np.asarray(limit))
+    up = np.asarray(rising)
+    incline = np.where(up, along, -np.asarray(along, dtype=np.float64))
+    slope = np.maximum(np.maximum(incline, LEAST_INCLINE * np.asarray(steepness)), 1e-30)
+    signed = np.where(up, -np.asarray(error, dtype=np.float64), error)
+    step = np.clip(signed / slope, -np.asarray(limit), np.asarray(limit))
+    return np.where(incline > 0.0, step, 0.0)

@@ -411,9 +411,8 @@ class ABuffer:
         block = frame_block(self._scene, camera, size, settings)
         chosen = self._details.chosen(block[0], settings.screen_error)
         coarser = self._device.meshes.chunks["detail"] > 0
-        detailed = settings.screen_error > 0.0 and bool(coarser.any())
         block[0]["reach"] *= self._details.reach(chosen)
-        curved = (self._scene.smooth or detailed) if settings.curved is None else settings.curved
+        curved = self._scene.smooth if settings.curved is None else settings.curved
         frame = _Frame(block=block, settings=settings, passes=(), curved=curved, residuals=residuals)
         # Lists that are read back are judged, not resolved: there the clip planes rule out nothing; nor where cells are
         # masked, whose border is drawn in any case.

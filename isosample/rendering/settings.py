@@ -79,8 +79,7 @@ class RenderSettings:
     segment : SegmentRule
     curved : bool or None
         Whether every crossing is moved from its triangle onto the curved surface through the vertices; None:
-        if the surfaces are those of a smooth reconstruction, or the scene has details and `screen_error` lets it take
-        them.
+        if the surfaces are those of a smooth reconstruction.
     screen_error : float
         How far the triangles of coarser meshes may be from their isosurface [pixel], where the scene has details: each
         piece is shown at the coarsest detail that is not farther away. 0: the finest.

@@ -3,7 +3,7 @@
 // and Vlachos et al. 2001, "Curved PN triangles").
 // Twin: isosample/integral/curved.py
 
-const float LEAST_INCLINE = 0.15;        // smallest |cos| between ray and gradient that a shift is computed with
+const float LEAST_INCLINE = 0.15;        // smallest cosine between ray and gradient that a shift is computed with
 
 // How far the field at a point of a triangle is from the isovalue of its vertices [value]: half of G.p - s, with the
 // gradient G, the position p and s = gradient . position interpolated between the vertices.
@@ -12,8 +12,10 @@ const float LEAST_INCLINE = 0.15;        // smallest |cos| between ray and gradi
 float curved_error(vec3 gradient, vec3 position, float moment) { return 0.5 * (dot(gradient, position) - moment); }
 
 // Way along the ray to the isosurface [world], one Newton step, at most `limit` in either direction. `along` is the
-// gradient's component along the ray, `steepness` its length.
-float curved_shift(float error, float along, float steepness, float limit) {
-    float slope = max(max(abs(along), LEAST_INCLINE * steepness), 1e-30);
-    return clamp((along < 0.0 ? error : -error) / slope, -limit, limit);
+// gradient's component along the ray, `steepness` its length. 0 where the gradient says otherwise than the triangle whether
+// the value is `rising`: the step would lead to the ray's other crossing with the surface, and past it.
+float curved_shift(float error, float along, float steepness, float limit, bool rising) {
+    float incline = rising ? along : -along;
+    float shift = error / max(max(incline, LEAST_INCLINE * steepness), 1e-30);
+    return incline > 0.0 ? clamp(rising ? -shift : shift, -limit, limit) : 0.0;
 }

@@ -42,14 +42,21 @@ def test_one_shift_along_the_ray_lands_on_a_sphere_to_third_order() -> None:
         way = np.array([0.3, 0.1, -1.0]) / math.sqrt(1.1)
         gradient = gradients.mean(axis=0)
         error = curved_error(gradient, middle, moment)
-        shift = curved_shift(error, gradient @ way, np.linalg.norm(gradient), 1.0)
+        shift = curved_shift(error, gradient @ way, np.linalg.norm(gradient), 1.0, gradient @ way > 0.0)
         errors.append(abs(np.linalg.norm(middle + shift * way) - 1.0))
     assert errors[1] <= errors[0] / 7.0  # order 3 or better
     assert errors[2] <= errors[1] / 7.0
 
 
 def test_a_shift_is_limited_and_grazing_rays_have_a_least_slope() -> None:
-    assert curved_shift(1.0, 0.5, 0.5, 0.25) == -0.25
-    assert curved_shift(1.0, -0.5, 0.5, 0.25) == 0.25
-    assert math.isclose(float(curved_shift(0.01, 0.0, 1.0, 1.0)), -0.01 / LEAST_INCLINE)
-    assert curved_shift(0.0, 0.0, 0.0, 1.0) == 0.0
+    assert curved_shift(1.0, 0.5, 0.5, 0.25, True) == -0.25
+    assert curved_shift(1.0, -0.5, 0.5, 0.25, False) == 0.25
+    assert math.isclose(float(curved_shift(0.01, 1e-9, 1.0, 1.0, True)), -0.01 / LEAST_INCLINE)
+    assert curved_shift(0.0, 0.0, 0.0, 1.0, True) == 0.0
+
+
+def test_a_crossing_does_not_move_towards_the_other_one_of_its_ray() -> None:
+    """Beside an outline the gradient may rise along a ray that leaves through the triangle, or fall where it enters."""
+    along = np.array([0.1, 0.0, -0.1])
+    assert curved_shift(0.3, along, 1.0, 9.0, False).tolist() == [0.0, 0.0, 0.3 / LEAST_INCLINE]
+    assert curved_shift(0.3, along, 1.0, 9.0, True).tolist() == [-0.3 / LEAST_INCLINE, 0.0, 0.0]

@@ -193,7 +193,10 @@ def test_every_pixel_is_the_float64_integral_of_its_list(
     assert statistics.band_violations == expected.violations[seen].sum()
     assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced[seen])
     assert statistics.reordered_fragments == expected.reordered[seen].sum()
-    assert (statistics.reordered_fragments > 0) == (scene in (rough_scene, smooth_scene))
+    if (
+        scene is not smooth_scene
+    ):  # whose crossings, moved onto the curved surface, may change places, or may not
+        assert (statistics.reordered_fragments > 0) == (scene is rough_scene)
 
 
 LOSSES: dict[str, Callable[[list[LevelRange]], list[LevelRange]]] = {

@@ -36,9 +36,10 @@ def assert_shift(gl: moderngl.Context, root: Path | None = None) -> None:
     error, along = (rng.normal(size=COUNT).astype(np.float32) for _ in range(2))
     steepness = (np.abs(along) * rng.uniform(1.0, 20.0, COUNT)).astype(np.float32)
     limit = rng.uniform(0.01, 2.0, COUNT).astype(np.float32)
-    signature = "float curved_shift(float error, float along, float steepness, float limit)"
-    found = call(gl, CURVED, signature, error, along, steepness, limit, root=root)
-    shift = curved_shift(error, along, steepness, limit)
+    rising = rng.integers(0, 2, COUNT).astype(bool)
+    signature = "float curved_shift(float error, float along, float steepness, float limit, bool rising)"
+    found = call(gl, CURVED, signature, error, along, steepness, limit, rising, root=root)
+    shift = curved_shift(error, along, steepness, limit, rising)
     # The constant 0.15 and its product, and a division.
     assert_within(found, shift, gamma(2 + DIVISION) * np.abs(shift) + TINY)
 
@@ -55,7 +56,7 @@ def test_the_shader_does_what_its_twin_does(gl: moderngl.Context, check: str) ->
     ("check", "right", "wrong"),
     [
         ("curved_error", "0.5 * (dot", "0.501 * (dot"),
-        ("curved_shift", "along < 0.0", "along > 0.0"),
+        ("curved_shift", "incline > 0.0", "incline < 9.0"),
         ("curved_shift", "LEAST_INCLINE * steepness", "0.1 * steepness"),
     ],
 )
