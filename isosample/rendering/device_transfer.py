@@ -180,7 +180,7 @@ def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: fl
         return None
     if settings.integration is Integration.TABLE_1D:
         rows, width = (shared_constants()[name] for name in ("INTEGRAL_ROWS", "BAND_START_COUNT"))
-        return value_integrals(bands, rows * width // 2).reshape(rows, width, 4)
+        return value_integrals(bands, rows * width // 3).reshape(rows, width, 4)
     tables = length_tables(bands, settings.table_size, table_lengths(settings, base_length))
     tables = tables if settings.integration is Integration.TABLE_3D else tables[0]
     return tables.astype(settings.table_dtype.value, copy=False)

@@ -134,9 +134,10 @@ def value_integrals(bands: ValueBands, cells: int) -> F32:
 
     Returns
     -------
-    integrals : (cells, 2, 4) float32
-        Of premultiplied linear RGB and extinction [1/world]: the integral from 0 to the lower end of every cell, and
-        the mean over the cell. Isosurfaces are left out.
+    integrals : (3, cells, 4) float32
+        Of premultiplied linear RGB and extinction [1/world]: the integral from 0 to the lower end of every cell; what
+        rounding took from that, so that differences of integrals are known where they are small; and the mean over the
+        cell. Isosurfaces are left out.
 
     Raises
     ------
@@ -151,7 +152,9 @@ def value_integrals(bands: ValueBands, cells: int) -> F32:
     means = np.concatenate([emission / 6.0, 0.5 * (low[:, 3:] + high[:, 3:])], axis=1)
     over_cells = np.add.reduceat(pieces.parts[:, None] * means, pieces.starts[:-1])
     before = np.cumsum(over_cells, axis=0) - over_cells
-    return np.stack([before / cells, over_cells], axis=1).astype(np.float32)
+    exact = before / cells
+    rounded = exact.astype(np.float32)
+    return np.stack([rounded, (exact - rounded).astype(np.float32), over_cells.astype(np.float32)])
 
 
 @compiled

@@ -25,7 +25,7 @@ const int UNIT_SPANS = 5;                // texture unit: distances between whic
 
 const int BAND_START_COUNT = 1024;       // bins of the normalised value range
 const int SAMPLED_ROWS = 8;              // of the sampled transfer function: 8192 entries, as Knoll et al. 2009 have it
-const int INTEGRAL_ROWS = 16;            // of the integrals of the transfer function over the value: two texels for each of 8192 cells
+const int INTEGRAL_ROWS = 24;            // of the integrals of the transfer function over the value: three texels for each of 8192 cells
 const int BAND_TEXELS = 8;               // of a band, and of a peak, in the texture of the transfer function:
 const int TEXEL_OPTICS_LOW = 0;          // straight linear RGB and extinction at the lower end of the band
 const int TEXEL_OPTICS_HIGH = 1;         // and at the upper one

@@ -6,12 +6,14 @@
 #if METHOD == 1 && INTEGRATION == 3
 layout(binding = UNIT_PRE_INTEGRATION) uniform sampler2D integrals;
 
-const int INTEGRAL_CELLS = INTEGRAL_ROWS * BAND_START_COUNT / 2;
+const int INTEGRAL_CELLS = INTEGRAL_ROWS * BAND_START_COUNT / 3;
 
-// A value, the integrals of premultiplied colour and extinction up to it, and their means over its cell of the table.
+// A value, the integrals of premultiplied colour and extinction up to it, and their means over its cell of the table. The integral
+// up to the cell is apart from what a float loses of it and what the cell adds: small differences of large integrals stay exact.
 struct Known {
     float value;
     vec4 integral;
+    vec4 rest;
     vec4 mean;
 };
 
@@ -21,17 +23,18 @@ Known known_back;
 Known known_at(float value) {
     float shown = clamp(value, 0.0, 1.0);
     int cell = min(int(shown * float(INTEGRAL_CELLS)), INTEGRAL_CELLS - 1);
-    ivec2 texel = ivec2(2 * cell % BAND_START_COUNT, 2 * cell / BAND_START_COUNT);
+    ivec2 texel = ivec2(cell % BAND_START_COUNT, cell / BAND_START_COUNT);
     vec4 before = texelFetch(integrals, texel, 0);
-    vec4 mean = texelFetch(integrals, texel + ivec2(1, 0), 0);
-    return Known(shown, before + (shown - float(cell) / float(INTEGRAL_CELLS)) * mean, mean);
+    vec4 lost = texelFetch(integrals, texel + ivec2(0, INTEGRAL_ROWS / 3), 0);
+    vec4 mean = texelFetch(integrals, texel + ivec2(0, 2 * INTEGRAL_ROWS / 3), 0);
+    return Known(shown, before, lost + (shown - float(cell) / float(INTEGRAL_CELLS)) * mean, mean);
 }
 
 void composite_means(Stretch stretch) {
     float rise = known_back.value - known_front.value;
     bool steep = abs(rise) * float(INTEGRAL_CELLS) > 1.0;   // else the difference would be that of its roundings
-    vec4 mean = steep ? (known_back.integral - known_front.integral) / (steep ? rise : 1.0)
-                      : 0.5 * (known_front.mean + known_back.mean);
+    precise vec4 difference = (known_back.integral - known_front.integral) + (known_back.rest - known_front.rest);
+    vec4 mean = steep ? difference / (steep ? rise : 1.0) : 0.5 * (known_front.mean + known_back.mean);
     if (!(mean.a > 0.0)) return;
     float opacity = opacity_from_depth(mean.a * (stretch.end - stretch.start));
     vec3 color = mean.rgb / mean.a;

@@ -284,6 +284,17 @@ def test_integrals_over_the_value_give_the_opacity_of_a_straight_line_of_any_len
         assert np.abs(found[:, 3] - expected).max() < 8.4e-6 + ROUNDING
 
 
+def test_integrals_over_the_value_show_a_faint_medium_behind_a_dense_peak(caster: Caster) -> None:
+    """The means over short stretches are not those of the roundings of an integral that the peak has made large."""
+    peak = [(0.1, 0.0), (0.15, 1e4), (0.2, 0.0), (0.3, 0.0), (0.4, 1.0), (1.0, 1.0)]  # its integral is 500
+    dense = TransferFunction([ControlPoint(value, WHITE, extinction) for value, extinction in peak])
+    starts, stretches = np.linspace(0.45, 0.95, 8).tolist(), (1.02, 1.5, 3.3, 20.0, -1.02, -20.0)
+    lines = [(start, cells / 8192, 0.0, 0.0) for start in starts for cells in stretches]
+    found, _ = caster.cast(dense, MEANS, lines, 1)
+    # Of one float32 number, integrals would be off by 2^-25 * 500 at both ends: over a stretch of 1/8192, by 0.24.
+    np.testing.assert_allclose(found[:, 3], -np.expm1(-1.0), atol=ROUNDING)
+
+
 def test_integrals_over_the_value_converge_in_second_order(caster: Caster) -> None:
     coarse, fine = (np.linalg.norm(errors(caster, SMOOTH, MEANS, CUBICS, steps)) for steps in (8, 32))
     assert np.log2(coarse / fine) / 2.0 > 1.7  # data as chords, colours as means: both of second order

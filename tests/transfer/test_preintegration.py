@@ -140,8 +140,9 @@ def test_integrals_over_the_value_are_those_of_every_cell() -> None:
     np.add.at(expected, (nodes * cells).astype(int), weights[:, None] * densities)
     before = np.cumsum(expected, axis=0) - expected
     # Both are sums in float64, 1e-14; storage rounds by 2^-24 of the number.
-    np.testing.assert_allclose(found[:, 1], cells * expected, rtol=2.0**-24 + 1e-12, atol=1e-12)
-    np.testing.assert_allclose(found[:, 0], before, rtol=2.0**-24 + 1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[2], cells * expected, rtol=2.0**-24 + 1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[0], before, rtol=2.0**-24 + 1e-12, atol=1e-12)
+    np.testing.assert_allclose(found[0] + found[1], before, rtol=2.0**-48, atol=1e-12)
 
 
 def test_integrals_over_no_cell_are_refused() -> None:
