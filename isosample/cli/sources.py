@@ -7,6 +7,7 @@ import re
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -317,23 +318,28 @@ def _surfaces_of(
     folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings, details: int
 ) -> SurfaceSet | StoredSurfaces:
     """Return surfaces of a cache folder, which stay there where they are too many, with the details of them all."""
-    from isosample.surfaces.cache import load_surface_set, open_surface_set
+    from isosample.surfaces.cache import lists_surfaces, load_surface_set, open_surface_set
 
     opened = open_surface_set(folder, isovalues, settings)
     coarser = [replace(settings, detail=detail) for detail in range(1, details + 1)]
-    try:
-        opened = replace(opened, details=tuple(open_surface_set(folder, isovalues, one) for one in coarser))
-    except CacheError:  # of another transfer function, for which none were made
-        coarser = []
+    there = list(takewhile(partial(lists_surfaces, folder, isovalues), coarser))
+    if len(there) < details:  # of another transfer function, for which none were made
+        note(
+            f"{folder} lacks coarser meshes of some isovalues; {len(there)} of its scene's {details} details are used. "
+            f"`isosample precompute --details {details}` with this transfer function adds them"
+        )
+    opened = replace(opened, details=tuple(open_surface_set(folder, isovalues, one) for one in there))
     if _are_many(opened):
         return opened
     finest = load_surface_set(folder, isovalues, **settings.as_keywords())
-    loaded = (load_surface_set(folder, isovalues, **one.as_keywords()) for one in coarser)
+    loaded = (load_surface_set(folder, isovalues, **one.as_keywords()) for one in there)
     return replace(finest, details=tuple(loaded))
 
 
 def _are_many(surfaces: StoredSurfaces) -> bool:
-    return int(surfaces.chunk_table["bytes"].sum()) > LARGEST_IN_MEMORY
+    """Tell whether meshes, with their coarser details, take too much memory."""
+    tables = [one.chunk_table for one in (surfaces, *surfaces.details)]
+    return sum(int(table["bytes"].sum()) for table in tables) > LARGEST_IN_MEMORY
 
 
 def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -> SurfaceSet:

@@ -36,7 +36,7 @@ from isosample.surfaces.chunk_table import ChunkTable
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import MeshStore, chunk_key, full_disk_explained
 from isosample.surfaces.stored_surfaces import StoredSurfaces
-from isosample.surfaces.surface_files import listed_key, read_rows, surface_key, write_rows
+from isosample.surfaces.surface_files import listed_key, read_rows, surface_key, surface_path, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
 from isosample.tally import EXTRACTIONS, tally
 from isosample.transfer.isovalues import IsovaluePlan
@@ -241,6 +241,27 @@ def open_surface_set(
     """Return surfaces of a cache folder, loaded when they are asked for; raises as `load_surface_set`."""
     folder = Path(folder)
     return _open_surfaces(folder, _read_volume(folder), check_isovalues(isovalues), settings, {})
+
+
+def lists_surfaces(
+    folder: str | Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings
+) -> bool:
+    """Tell whether a cache folder lists every one of some surfaces; the lists may be damaged.
+
+    Raises
+    ------
+    InputError
+        If the isovalues are not finite and strictly ascending.
+    CacheError
+        If the folder is not a cache.
+    """
+    folder = Path(folder)
+    volume_hash = _read_volume(folder)["content_hash"]
+    keys = (
+        listed_key(folder, volume_hash, isovalue, settings)
+        for isovalue in check_isovalues(isovalues).tolist()
+    )
+    return all(surface_path(folder, key).exists() for key in keys)
 
 
 def extract_with_cache(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isosample.errors import CacheError
 from isosample.surfaces.cache_files import read_arrays, read_json
 from isosample.surfaces.chunk_table import CHUNK_ROW
 from isosample.surfaces.store import CHUNK_FOLDER, DamagedChunk, MeshStore, remove
+from isosample.surfaces.surface_files import surface_path
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from isosample.surfaces.chunk_table import Rows
@@ -116,9 +117,12 @@ def verify_folder(folder: Path) -> list[DamagedChunk]:
         if name == "scene.json" and not path.exists():
             continue  # a folder that was never rendered as a scene
         try:
-            read_json(path, kind)
+            document = read_json(path, kind)
         except CacheError as error:
             damaged.append(DamagedChunk(path, str(error)))
+            continue
+        if name == "scene.json":
+            damaged += _missing_lists(folder, document)
     store = MeshStore(folder, read_only=True)
     for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
         try:
@@ -129,6 +133,21 @@ def verify_folder(folder: Path) -> list[DamagedChunk]:
         if path.parent.name == "surfaces":
             damaged += _missing_chunks(path, arrays["rows"].view(CHUNK_ROW), store)
     return [*damaged, *store.verify().damaged]
+
+
+def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]:
+    """Return the lists of chunks that a scene names, of its surfaces and their details, and that are not there."""
+    named = [(part, entry) for part in (scene, *scene.get("details", [])) for entry in part["surfaces"]]
+    damaged = []
+    for part, entry in named:
+        path = surface_path(folder, entry["key"])
+        if not path.exists():
+            detail = part["settings"].get("detail", 0)
+            what = f"isosurface {float.fromhex(entry['isovalue'])!r}" + (
+                f", detail {detail}," if detail else ""
+            )
+            damaged.append(DamagedChunk(path, f"{what} of scene.json is missing."))
+    return damaged
 
 
 def _missing_chunks(path: Path, rows: Rows, store: MeshStore) -> list[DamagedChunk]:
