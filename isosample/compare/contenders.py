@@ -13,10 +13,13 @@ from isosample.rendering.pipeline import Renderer
 from isosample.rendering.preparation import Quality, prepare_surfaces
 from isosample.rendering.raycast_settings import Classification, RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
+from isosample.rendering.screen_error import screen_error_within
 from isosample.rendering.settings import RenderSettings
 from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
     from isosample.rendering.preparation import PreparedSurfaces
@@ -118,8 +121,8 @@ class Contender(Protocol):
         """Do what can be kept on disk: the extraction of meshes; nothing for a ray caster."""
         ...
 
-    def load(self) -> float:
-        """Put everything on the GPU; return the seconds."""
+    def load(self, cameras: Sequence[Camera]) -> float:
+        """Put everything on the GPU, and choose what depends on the views that are to come; return the seconds."""
         ...
 
     def frame(self, camera: Camera) -> Image:
@@ -146,6 +149,7 @@ class SurfaceContender:
         self.bytes = 0
         self._prepared: PreparedSurfaces | None = None
         self._renderer: Renderer | None = None
+        self._settings = scene.render
 
     @property
     def quality(self) -> Quality:
@@ -173,17 +177,27 @@ class SurfaceContender:
             sum(one.statistics.triangles) for one in (surfaces, *surfaces.details)
         )
 
-    def load(self) -> float:
-        """Merge the meshes and upload the scene; the driver may put off the triangles to the first frame."""
+    def load(self, cameras: Sequence[Camera]) -> float:
+        """Merge the meshes and upload the scene; with details and a tolerance, look how coarse they may be.
+
+        The driver may put off the triangles to the first frame.
+        """
         assert self._prepared is not None
         start = time.perf_counter()
-        self._renderer = Renderer(self._prepared.surfaces, self._prepared.plan)
+        surfaces, plan = self._prepared.surfaces, self._prepared.plan
+        self._renderer = Renderer(surfaces, plan)
+        self._settings = self._scene.render
+        if plan.report and surfaces.details:
+            allowed = screen_error_within(
+                self._renderer, plan.report, cameras, self._scene.size, self._settings
+            )
+            self._settings = replace(self._settings, screen_error=allowed)
         return time.perf_counter() - start
 
     def frame(self, camera: Camera) -> Image:
         """Build the lists, resolve them, read back."""
         assert self._renderer is not None
-        return self._renderer.render(camera=camera, size=self._scene.size, settings=self._scene.render)
+        return self._renderer.render(camera=camera, size=self._scene.size, settings=self._settings)
 
     def release(self) -> None:
         """Free the GPU and the meshes."""
@@ -213,7 +227,7 @@ class RayContender:
     def prepare(self) -> None:
         """Nothing: what a ray caster needs is made when it is loaded."""
 
-    def load(self) -> float:
+    def load(self, cameras: Sequence[Camera]) -> float:  # noqa: ARG002  # of the protocol
         """Make the macrocells and tables, and upload the volume."""
         start = time.perf_counter()
         scene = self._scene

@@ -170,8 +170,9 @@ def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
         for setting in [one for one in settings if one.parameter is not Parameter.TOLERANCE][:1]:
             one = contender(toy, setting)
             one.prepare()
-            one.load()
-            one.frame(Camera.orbit(toy.volume.box, azimuth=30.0, elevation=20.0))
+            camera = Camera.orbit(toy.volume.box, azimuth=30.0, elevation=20.0)
+            one.load([camera])
+            one.frame(camera)
             one.release()
 
 

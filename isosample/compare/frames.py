@@ -75,7 +75,7 @@ def time_frames(
 
 def _load(one: Contender, timing: Timing, cameras: Sequence[Camera]) -> None:
     """Upload, and draw every view once; the first frame compiles shaders and uploads what was put off."""
-    created = one.load()
+    created = one.load(cameras)
     for camera in cameras:
         start = time.perf_counter()
         timing.images.append(one.frame(camera))

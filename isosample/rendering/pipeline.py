@@ -223,6 +223,7 @@ class Renderer:
         self._seconds = {}
         self._abuffer.timer.seconds.clear()
         stats = statistics_of(self._ctx, self._surfaces, self._scene, frame, (width, height), seconds)
+        stats["screen_error"] = (settings or RenderSettings()).screen_error
         return Image(rgba, stats)
 
     def error_map(
@@ -238,7 +239,9 @@ class Renderer:
 
         width, height = check_size(size)
         camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
-        return error_map(
+        seconds = self._abuffer.timer.seconds
+        before = dict(seconds)
+        found = error_map(
             self._abuffer,
             self._surfaces,
             self._scene.plan,
@@ -247,6 +250,10 @@ class Renderer:
             settings or RenderSettings(),
             _stage_progress(progress, "error map"),
         )
+        kept = before | {stage: spent for stage, spent in seconds.items() if stage == "upload"}
+        seconds.clear()  # the next picture's are its own, and what it need not upload again
+        seconds.update(kept)
+        return found
 
 
 def statistics_of(

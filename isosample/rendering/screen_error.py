@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from isosample.defaults import DEFAULT_SCREEN_ERROR
+from isosample.errors import InputError
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.rendering.tolerance import expected_error
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
     from isosample.rendering.camera import Camera
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 LOOKED_AT = 192  # pixels of the longer edge of the pictures whose errors are looked at
 HALVINGS = 3
+ESTIMATES = ("indicator", "mesh")  # of `expected_error`
 
 
 def screen_error_within(
@@ -26,6 +29,7 @@ def screen_error_within(
     cameras: Sequence[Camera],
     size: tuple[int, int],
     settings: RenderSettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> float:
     """Return the `screen_error` at which pictures keep to a tolerance.
 
@@ -36,33 +40,79 @@ def screen_error_within(
     report : mapping
         Of the plan that was made for the tolerance (`IsovaluePlan.report`).
     cameras : sequence of Camera
-        Views to look at; others are not known.
+        Views to look at, at least one; others are not known.
     size : (width, height)
         Of the pictures; those that are looked at are smaller, with the same details.
     settings : RenderSettings, optional
+    progress : callable, optional
+        Called with pictures looked at and the most there may be.
 
     Returns
     -------
     screen_error : float
         The default, or a half, quarter or eighth of it, the largest with which no view's expected error exceeds the
-        tolerance (see `expected_error`); 0 if all do.
+        tolerance (see `expected_error`). An estimate that was 0 for the plan may grow from what it is in the finest
+        picture of the same view, and not at all from 0. 0 if nothing coarser keeps to the tolerance, or the plan
+        itself missed it.
 
     Raises
     ------
     InputError
-        If the surfaces were extracted without residuals.
+        If there is no camera, or the surfaces were extracted without residuals.
+
+    Notes
+    -----
+    No estimate sees silhouettes, of the finest meshes or of coarser ones: where a ray passes an isosurface's outline
+    on the other side than the mesh's, the picture errs by more. A picture with `screen_error` has its outlines off by
+    that many pixels at most.
     """
     width, height = check_size(size)
+    if not len(cameras):
+        raise InputError("cameras is empty; give at least one view to look at.")
+    if report["missed"] is not None:
+        return 0.0
     scale = min(1.0, LOOKED_AT / max(width, height))
     small = max(1, round(scale * width)), max(1, round(scale * height))
     settings = settings or RenderSettings()
+    unknown = [name for name in ESTIMATES if not report["estimates"][name] > 0.0]
+    most, done = len(cameras) * (HALVINGS + 1 + bool(unknown)), 0
 
-    def error_at(screen_error: float) -> float:
+    def looked_at(camera: Camera, screen_error: float) -> dict[str, float]:
+        nonlocal done
         scaled = replace(settings, screen_error=scale * screen_error)
-        maps = (
-            renderer.error_map(camera=camera, size=small, settings=scaled).percentiles() for camera in cameras
-        )
-        return max(expected_error(found, report) for found in maps)
+        found = renderer.error_map(camera=camera, size=small, settings=scaled).percentiles()
+        done += 1
+        if progress is not None:
+            progress(done, most)
+        return found
 
-    tried = (DEFAULT_SCREEN_ERROR / 2**halvings for halvings in range(HALVINGS + 1))
-    return next((one for one in tried if error_at(one) <= report["tolerance"]), 0.0)
+    reports = [
+        _completed(report, looked_at(camera, 0.0), unknown) if unknown else report for camera in cameras
+    ]
+    allowed = 0.0
+    for halvings in range(HALVINGS + 1):
+        tried = DEFAULT_SCREEN_ERROR / 2**halvings
+        errors = (
+            _error(looked_at(camera, tried), known) for camera, known in zip(cameras, reports, strict=True)
+        )
+        if all(error <= report["tolerance"] for error in errors):
+            allowed = tried
+            break
+    if progress is not None:
+        progress(most, most)
+    return allowed
+
+
+def _completed(
+    report: Mapping[str, Any], finest: Mapping[str, float], unknown: Sequence[str]
+) -> Mapping[str, Any]:
+    """The report with what a view's finest picture tells of the estimates that were 0 for the plan."""
+    return {**report, "estimates": {**report["estimates"], **{name: finest[name] for name in unknown}}}
+
+
+def _error(found: Mapping[str, float], report: Mapping[str, Any]) -> float:
+    """Error that a thousandth of a view's pixels are expected to exceed; infinite where an estimate grew from 0."""
+    known = report["estimates"]
+    if any(found[name] > 0.0 and not known[name] > 0.0 for name in ESTIMATES):
+        return math.inf
+    return expected_error(found, report)

@@ -247,7 +247,8 @@ def expected_error(estimates: Mapping[str, float], report: Mapping[str, Any]) ->
     -------
     error : float
         What was reached on the views of the plan, times the larger of the ratios by which the indicator and the
-        estimate of the mesh's error are larger here than there (1 at least). Neither promises anything.
+        estimate of the mesh's error are larger here than there (1 at least); one that was 0 there is left out.
+        Neither promises anything, and neither sees silhouettes.
     """
     known = report["estimates"]
     ratios = [estimates[name] / known[name] for name in ("indicator", "mesh") if known[name] > 0.0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import pytest
 import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
-from isosample.compare import experiment
+from isosample.compare import contenders, experiment
 from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting
 from isosample.compare.conventions import grain_band_of
 from isosample.compare.experiment import Experiment, run_experiment
@@ -188,7 +188,8 @@ class _Recorder:
     def prepare(self) -> None:
         raise AssertionError(f"{self._name} is prepared already")
 
-    def load(self) -> float:
+    def load(self, cameras: Sequence[Camera]) -> float:
+        assert cameras == CAMERAS
         self._log.append(f"load {self._name}")
         return 0.5
 
@@ -208,6 +209,24 @@ def test_frames_are_drawn_in_turn_after_one_of_every_view_that_does_not_count() 
     assert log == [*warm, *first, *second, "release a", "release b", "release c"]
     assert [[len(frames) for frames in timing.wall] for timing in timings] == [[2, 2]] * 3
     assert [(timing.prepare_seconds, timing.load_seconds) for timing in timings] == [(0.125, 0.375)] * 3
+
+
+def test_meshes_for_a_tolerance_are_as_coarse_as_all_views_allow(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[object] = []
+
+    def within(_renderer: object, report: dict[str, Any], cameras: Sequence[Camera], *_: object) -> float:
+        seen.extend([report["tolerance"], *cameras])
+        return 0.0625
+
+    monkeypatch.setattr(contenders, "screen_error_within", within)
+    scene = replace(blob_scene(), details=1, size=(12, 8))
+    for parameter, value, expected in ((Parameter.TOLERANCE, 1 / 8, 0.0625), (Parameter.PER_SLOPE, 1, 0.25)):
+        one = contenders.contender(scene, Setting("data-centric", parameter, value))
+        one.prepare()
+        one.load(CAMERAS)
+        assert one.frame(CAMERAS[1]).stats["screen_error"] == expected
+        one.release()
+    assert seen == [1 / 8, *CAMERAS]
 
 
 def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -292,14 +293,63 @@ def test_a_tolerance_decides_how_coarse_pictures_may_be(gl: moderngl.Context) ->
     with Renderer(surfaces_of(volume, plan, residuals=True), plan) as renderer:
         finest = renderer.error_map(camera=camera[0], size=SIZE, settings=RenderSettings(screen_error=0.0))
         known = finest.percentiles()
-        report = {"reached": 1e-3, "estimates": known}
+        report = {"reached": 1e-3, "estimates": known, "missed": None}
+        looked_at: list[tuple[int, int]] = []
 
-        def allowed(tolerance: float) -> float:
-            return screen_error_within(renderer, report | {"tolerance": tolerance}, camera, SIZE)
+        def allowed(tolerance: float, **changed: object) -> float:
+            asked = report | {"tolerance": tolerance} | changed
+            return screen_error_within(
+                renderer, asked, camera, SIZE, progress=lambda *count: looked_at.append(count)
+            )
 
         # the expected error is what was reached times the growth of the estimates, so 1e-3 where nothing is coarser
         assert allowed(1.0) == 0.25
         assert allowed(0.9e-3) == 0.0
         between = [allowed(tolerance) for tolerance in np.geomspace(1e-3, 1.0, 8).tolist()]
+        # What the plan knows nothing of is held against the finest picture of the same view, here the plan's own.
+        unknown = {"estimates": known | {"mesh": 0.0}}
+        assert [allowed(t, **unknown) for t in (0.9e-3, 1e-2, 1.0)] == [
+            allowed(t) for t in (0.9e-3, 1e-2, 1.0)
+        ]
+        looked_at.clear()
+        assert allowed(1.0) == 0.25
+        assert looked_at == [(1, 4), (4, 4)]
+        looked_at.clear()
+        assert allowed(1.0, missed="mesh") == 0.0
+        assert not looked_at
+        with pytest.raises(InputError, match="cameras is empty"):
+            screen_error_within(renderer, report | {"tolerance": 1.0}, [], SIZE)
     assert between == sorted(between)
     assert len(set(between)) > 1
+
+
+def test_an_estimate_may_not_grow_from_nothing() -> None:
+    class Renderer:
+        """Error maps whose mesh estimate is 0 unless meshes are coarser than an eighth of a pixel."""
+
+        def error_map(self, *, camera: object, size: object, settings: RenderSettings) -> Any:  # noqa: ARG002
+            mesh = 1e-9 if settings.screen_error > 0.125 else 0.0
+            return SimpleNamespace(percentiles=lambda: {"indicator": 1e-4, "mesh": mesh})
+
+    report = {
+        "tolerance": 1.0,
+        "reached": 1e-3,
+        "missed": None,
+        "estimates": {"indicator": 1e-4, "mesh": 0.0},
+    }
+    camera = Camera.orbit(blobs().box)
+    assert screen_error_within(Renderer(), report, [camera], SIZE) == 0.125  # type: ignore[arg-type]
+    known = report | {"estimates": {"indicator": 1e-4, "mesh": 1e-9}}
+    assert screen_error_within(Renderer(), known, [camera], SIZE) == 0.25  # type: ignore[arg-type]
+
+
+def test_an_error_map_leaves_no_seconds_to_the_next_picture(gl: moderngl.Context) -> None:
+    volume = blobs()
+    plan = plan_of(volume)
+    camera = Camera.orbit(volume.box, azimuth=25)
+    with Renderer(surfaces_of(volume, plan, 1, residuals=True), plan) as renderer:
+        timer = renderer._abuffer.timer
+        timer.seconds["build"] = 7.0
+        renderer.error_map(camera=camera, size=SIZE)
+        assert timer.seconds["build"] == 7.0
+        assert set(timer.seconds) == {"build", "upload"}  # the meshes stay on the GPU
