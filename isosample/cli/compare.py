@@ -220,6 +220,10 @@ def sweep_of(args: argparse.Namespace) -> Sweep:
                 f"--{name.replace('_', '-')} has no part in a comparison of {', '.join(args.methods)} with --sampling "
                 f"{args.sampling}; leave it out."
             )
+    if args.details is not None and DATA_CENTRIC not in args.methods:
+        raise InputError(
+            f"--details has no part in a comparison of {', '.join(args.methods)}, which have no meshes; leave it out."
+        )
     if {"per_slopes", "tolerances"} & set(given):  # one of the two lists alone is the whole sweep
         given = {"per_slopes": (), "tolerances": ()} | given
     template: Any = QUICK if args.quick else Sweep()

@@ -10,7 +10,7 @@ from isosample.cli import arguments, values
 from isosample.cli.console import note, progress_bars, say_fields, seconds
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.parser import add_command
-from isosample.cli.summary import tolerance_fields
+from isosample.cli.summary import details_field, tolerance_fields
 from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
@@ -121,7 +121,9 @@ def precompute(
             cache=folder,
             progress=progress,
             plain=args.plain,
-            budget_bytes=args.cache_budget,
+            budget_bytes=None
+            if args.details
+            else args.cache_budget,  # else details make room before their turn
         )
     write_cache(
         folder,
@@ -182,6 +184,7 @@ def summarise(folder: Path, scene: PreparedScene, duration: float, more: dict[st
             "levels": f"{len(scene.plan.isovalues)} ({found.levels_reused} reused)",
             "pieces": f"{thousands(pieces)} ({thousands(found.chunks_reused)} reused)",
             "triangles": thousands(sum(found.triangles)),
+            **details_field(scene.surfaces),
             **tolerance_fields(scene.plan),
             "size": byte_size(folder_bytes(folder)),
             **more,

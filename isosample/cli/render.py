@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments, values
 from isosample.cli.cameras import camera_of, orbit
-from isosample.cli.console import progress_bars
+from isosample.cli.console import note, progress_bars
 from isosample.cli.methods import (
     AUTO,
     METHODS,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     import argparse
 
     from isosample.cli.auto import Opened
+    from isosample.cli.console import Progress
     from isosample.cli.parser import Commands
     from isosample.cli.sources import PreparedScene
     from isosample.rendering.camera import Camera
@@ -190,6 +192,11 @@ def run(args: argparse.Namespace) -> int:
 
         return run_raycast(args, settings, camera, log, opened)
     scene = _prepare(args, opened)
+    if args.screen_error is not None and not scene.surfaces.details:
+        note(
+            f"--screen-error {args.screen_error:g} changes nothing: {args.source} has no coarser meshes; --details "
+            "makes them"
+        )
     if args.plan:
         from isosample.cli.plan_table import say_plan
 
@@ -199,7 +206,7 @@ def run(args: argparse.Namespace) -> int:
     errors = None
     with progress_bars() as progress, renderer(scene) as picture:
         place = {"camera": camera or orbit(args, scene.surfaces.geometry.box), "size": args.size}
-        place["settings"] = _within_tolerance(args, scene, picture, [place["camera"]], settings)
+        place["settings"] = _within_tolerance(args, scene, picture, [place["camera"]], settings, progress)
         image = picture.render(**place, progress=progress)
         if args.strict:
             check_strict(image.stats)
@@ -225,9 +232,8 @@ def _film(
     """Turn about the scene, with its meshes uploaded once."""
     cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
     with renderer(scene) as picture:
-        settings = _within_tolerance(
-            args, scene, picture, cameras[:: max(1, len(cameras) // VIEWS)], settings
-        )
+        with progress_bars() as progress:
+            settings = _within_tolerance(args, scene, picture, spread(cameras), settings, progress)
         return run_turntable(
             args,
             cameras,
@@ -236,8 +242,14 @@ def _film(
             ),
             log,
             more=scene_statistics(scene, args),
-            fields=scene_fields(scene),
+            fields=scene_fields(scene, settings.screen_error),
         )
+
+
+def spread(cameras: list[Camera]) -> list[Camera]:
+    """Return `VIEWS` of the cameras at even distances, or all where there are no more."""
+    count = min(VIEWS, len(cameras))
+    return [cameras[place * len(cameras) // count] for place in range(count)]
 
 
 def _within_tolerance(
@@ -246,6 +258,7 @@ def _within_tolerance(
     picture: Renderer,
     cameras: list[Camera],
     settings: RenderSettings,
+    progress: Progress,
 ) -> RenderSettings:
     """Let meshes be as coarse as the scene's tolerance allows, where nothing is said about it."""
     report = scene.plan.report
@@ -254,7 +267,8 @@ def _within_tolerance(
         return settings
     from isosample.rendering.screen_error import screen_error_within
 
-    allowed = screen_error_within(picture, report, cameras, args.size, settings)
+    told = partial(progress, "details")
+    allowed = screen_error_within(picture, report, cameras, args.size, settings, told)
     return replace(settings, screen_error=allowed)
 
 

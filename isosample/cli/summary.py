@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     from isosample.cli.sources import PreparedScene
     from isosample.rendering.image import Image
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
+    from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
 
 FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
@@ -51,6 +53,20 @@ def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     }
 
 
+def details_field(surfaces: SurfaceSet | StoredSurfaces) -> dict[str, str]:
+    """Row about the coarser details; none without them."""
+    if not surfaces.details:
+        return {}
+    found = [one.statistics for one in surfaces.details]
+    triangles, reused = sum(sum(one.triangles) for one in found), sum(one.chunks_reused for one in found)
+    return {"details": f"{len(found)} ({thousands(triangles)} triangles, {thousands(reused)} pieces reused)"}
+
+
+def screen_error_field(surfaces: SurfaceSet | StoredSurfaces, screen_error: float) -> dict[str, str]:
+    """Row about how far coarser meshes may be off; none where there are no coarser ones."""
+    return {"screen error": f"at most {screen_error:g} pixel"} if surfaces.details else {}
+
+
 def summarise(
     image: Image,
     scene: PreparedScene,
@@ -65,6 +81,7 @@ def summarise(
         "picture": f"{path} ({width} x {height} pixels)",
         "isovalues": _isovalues(len(stats["isovalues"]), scene),
         "triangles": _triangles(stats),
+        **screen_error_field(scene.surfaces, stats["screen_error"]),
         "fragments": f"{thousands(stats['fragments'])} (at most {stats['max_depth_complexity']} per pixel, "
         f"lost {stats['lost_fragments']})",
         **tolerance_fields(scene.plan),
@@ -105,11 +122,12 @@ def _nothing_visible(scene: PreparedScene) -> str:
     )
 
 
-def scene_fields(scene: PreparedScene) -> dict[str, str]:
+def scene_fields(scene: PreparedScene, screen_error: float) -> dict[str, str]:
     """Rows about a scene of which there are many pictures."""
     return {
         "isovalues": _isovalues(len(scene.plan.isovalues), scene),
         "triangles": thousands(sum(scene.surfaces.statistics.triangles)),
+        **screen_error_field(scene.surfaces, screen_error),
         **tolerance_fields(scene.plan),
     }
 

@@ -84,10 +84,14 @@ def details(text: str) -> int:
 
 def screen_error(text: str) -> float:
     """Return a number of pixels >= 0, or a fraction such as 1/4."""
-    number = _fraction(text)
-    if number == 0.0 and text not in ("0", "0.0"):
+    top, slash, bottom = text.partition("/")
+    try:
+        number = finite(top) / (positive(bottom) if slash else 1.0)
+    except argparse.ArgumentTypeError:
+        number = math.nan
+    if not 0.0 <= number < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r} must be a number of pixels >= 0, such as 0.25 or 1/4")
-    return number
+    return number + 0.0  # never -0
 
 
 def zoom(text: str) -> float:
