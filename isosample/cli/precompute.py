@@ -111,6 +111,8 @@ def precompute(
     if folder is None:
         folder = default_cache_folder(volume, volume_hash)
         probe_folder(nearest_existing(folder))
+    # Room for the finest might cost its own details of an earlier run: with details, room is made at the end.
+    budget = None if args.details else args.cache_budget
     with progress_bars() as progress:
         scene = scene_from_volume(
             args,
@@ -121,9 +123,7 @@ def precompute(
             cache=folder,
             progress=progress,
             plain=args.plain,
-            budget_bytes=None
-            if args.details
-            else args.cache_budget,  # else details make room before their turn
+            budget_bytes=budget,
         )
     write_cache(
         folder,

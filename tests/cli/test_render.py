@@ -238,12 +238,12 @@ def test_the_summary_tells_segments_that_were_cut(run: Run) -> None:
 
 
 def test_the_summary_tells_crossings_that_were_put_in(capfd: pytest.CaptureFixture[str]) -> None:
-    surfaces = SimpleNamespace(statistics=SimpleNamespace(levels_reused=0))
+    surfaces = SimpleNamespace(statistics=SimpleNamespace(levels_reused=0), details=())
     plan = SimpleNamespace(band_visible=np.array([True]), report={})
     scene: Any = SimpleNamespace(surfaces=surfaces, plan=plan, mesh_distance=None)
     stats = {"size": [2, 2], "isovalues": [1.0], "triangles": {"drawn": 9}, "fragments": 8}
     stats |= {"max_depth_complexity": 3, "lost_fragments": 0, "saturated_segments": 0, "unrepaired_pixels": 0}
-    stats["skipped"] = {"chunks_coarser": 0, "chunks_of": 5}
+    stats |= {"skipped": {"chunks_coarser": 0, "chunks_of": 5}, "screen_error": 0.25}
     for violations in (0, 1234):
         image = isosample.Image(np.zeros((2, 2, 4), np.float32), stats | {"band_violations": violations})
         summarise(image, scene, Path("out.png"), 1.0)
