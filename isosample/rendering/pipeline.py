@@ -223,8 +223,7 @@ class Renderer:
         self._seconds = {}
         self._abuffer.timer.seconds.clear()
         stats = statistics_of(self._ctx, self._surfaces, self._scene, frame, (width, height), seconds)
-        stats["screen_error"] = (settings or RenderSettings()).screen_error
-        return Image(rgba, stats)
+        return Image(rgba, stats | {"screen_error": (settings or RenderSettings()).screen_error})
 
     def error_map(
         self,
@@ -239,8 +238,7 @@ class Renderer:
 
         width, height = check_size(size)
         camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
-        seconds = self._abuffer.timer.seconds
-        before = dict(seconds)
+        timer, before = self._abuffer.timer, dict(self._abuffer.timer.seconds)
         found = error_map(
             self._abuffer,
             self._surfaces,
@@ -250,9 +248,7 @@ class Renderer:
             settings or RenderSettings(),
             _stage_progress(progress, "error map"),
         )
-        kept = before | {stage: spent for stage, spent in seconds.items() if stage == "upload"}
-        seconds.clear()  # the next picture's are its own, and what it need not upload again
-        seconds.update(kept)
+        timer.seconds = before | {"upload": timer.seconds.get("upload", 0.0)}  # not done again for a picture
         return found
 
 

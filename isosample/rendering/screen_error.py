@@ -63,8 +63,8 @@ def screen_error_within(
     Notes
     -----
     No estimate sees silhouettes, of the finest meshes or of coarser ones: where a ray passes an isosurface's outline
-    on the other side than the mesh's, the picture errs by more. A picture with `screen_error` has its outlines off by
-    that many pixels at most.
+    on the other side than the mesh's, the picture errs by more. Coarser meshes move outlines by about `screen_error`
+    pixels at most.
     """
     width, height = check_size(size)
     if not len(cameras):
