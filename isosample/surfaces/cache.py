@@ -291,7 +291,7 @@ def extract_with_cache(
     budget_bytes : int, optional
         Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
     plain : bool
-        Add chunks that need no decoding, six times as large and loaded several times as fast.
+        Add chunks that need no decoding, four to six times as large and loaded several times as fast.
 
     Returns
     -------

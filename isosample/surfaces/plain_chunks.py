@@ -1,4 +1,4 @@
-"""One brick's piece of one isosurface as its arrays in a row: six times the bytes of a packed chunk, and no decoding.
+"""One brick's piece of one isosurface as its arrays in a row: larger than a packed chunk, and no decoding.
 
 A plain chunk is a header with a checksum of its own, then positions, gradients, keys, residuals where there are some,
 and triangles, each from a multiple of 64 bytes on. Its arrays are used where the file is mapped into memory; all that

@@ -125,7 +125,7 @@ class MeshStore:
     read_only : bool
         Write, remove and touch nothing; `put` raises.
     plain : bool
-        Write chunks that need no decoding (`plain_chunks`), six times as large. Both kinds are read in any case.
+        Write chunks that need no decoding (`plain_chunks`), four to six times as large. Both kinds are always read.
 
     Attributes
     ----------
