@@ -222,8 +222,7 @@ class ABuffer:
 
     def reach(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> float:
         """How far apart crossings of one place may lie in the wrong order in a picture [world]; see `DetailChoice`."""
-        block = frame_block(self._scene, camera, size, settings)
-        chosen = self._details.chosen(block[0], settings.screen_error)
+        _, chosen = self._block_and_details(camera, size, settings)
         return float(np.linalg.norm(self._geometry.spacing)) * self._details.reach(chosen)
 
     # -- one tile ---------------------------------------------------------------------------------
@@ -408,8 +407,7 @@ class ABuffer:
     def _frame(
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False
     ) -> _Frame:
-        block = frame_block(self._scene, camera, size, settings)
-        chosen = self._details.chosen(block[0], settings.screen_error)
+        block, chosen = self._block_and_details(camera, size, settings)
         coarser = self._device.meshes.chunks["detail"] > 0
         block[0]["reach"] *= self._details.reach(chosen)
         curved = self._scene.smooth if settings.curved is None else settings.curved
@@ -429,6 +427,13 @@ class ABuffer:
         statistics.chunks_coarser = int((chosen & coarser).sum())
         self._upload(frame)
         return frame
+
+    def _block_and_details(
+        self, camera: Camera, size: tuple[int, int], settings: RenderSettings
+    ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.bool_]]:
+        """The frame block of a picture, and the pieces of the details that it takes."""
+        block = frame_block(self._scene, camera, size, settings)
+        return block, self._details.chosen(block[0], settings.screen_error)
 
     def _upload(self, frame: _Frame) -> None:
         """Put the meshes of a picture on the GPU, if they fit; else every pass uploads them in batches."""

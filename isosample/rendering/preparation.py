@@ -168,8 +168,7 @@ def prepare_surfaces(
     planned = time.perf_counter()
     refine, distance = quality.refine, None
     options: dict[str, Any] = {"nan_masked": nan_masked, "reconstruction": quality.reconstruction}
-    if progress is not None:
-        options["progress"] = partial(progress, "extract")
+    options |= _told(progress)
     if refine is None:
         surfaces, distance = _refined_enough(volume, plan, quality, options)
         refine = surfaces.settings.refine
@@ -215,7 +214,7 @@ def _with_details(
     return prepared._replace(surfaces=coarser, seconds=seconds)
 
 
-def _told(progress: Progress | None, detail: int) -> dict[str, Any]:
+def _told(progress: Progress | None, detail: int = 0) -> dict[str, Any]:
     """The progress of one detail's extraction, as a keyword."""
     stage = f"detail {detail}" if detail else "extract"
     return {"progress": None if progress is None else partial(progress, stage)}
@@ -370,7 +369,7 @@ def _for_tolerance(
             reconstruction=quality.reconstruction,
             refine=found.refine,
             residuals=True,
-            progress=None if progress is None else partial(progress, "extract"),
+            **_told(progress),
             **kept,
         )
     return PreparedSurfaces(

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     F64 = npt.NDArray[np.float64]
     I32 = npt.NDArray[np.int32]
-    Bool = npt.NDArray[np.bool_]
 
 LEAST_COSINE = 0.25  # between a new triangle's normal and the gradients at its corners
 LEAST_SHAPE = 0.005  # of a new triangle: 1 is equilateral, 0 a line
@@ -63,7 +62,7 @@ def collapse(
     triangles : (T, 3) int32
         Changed in place; triangles that are gone have −1 at their first corner.
     tolerance : float
-        Largest first-order distance from the isosurface of seven points of a new triangle [voxel].
+        Largest distance from the isosurface of a new triangle, see `largest_distance` [voxel].
     """
     count = len(positions)
     first = np.full(count, NONE, dtype=np.int32)
