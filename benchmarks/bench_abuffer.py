@@ -22,7 +22,7 @@ from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
-    from isosample.rendering.abuffer import FrameStatistics
+    from isosample.rendering.frame_statistics import FrameStatistics
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     import moderngl
 
-    from isosample.rendering.abuffer import FrameStatistics
     from isosample.rendering.error_map import ErrorMap
+    from isosample.rendering.frame_statistics import FrameStatistics
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalue_plan import IsovaluePlan

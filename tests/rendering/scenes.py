@@ -18,8 +18,8 @@ from isosample.transfer.transfer_function import TransferFunction
 if TYPE_CHECKING:
     import moderngl
 
-    from isosample.rendering.abuffer import FrameStatistics
     from isosample.rendering.camera import Camera
+    from isosample.rendering.frame_statistics import FrameStatistics
     from isosample.volume.grid import Box, Volume
 
 F64 = npt.NDArray[np.float64]

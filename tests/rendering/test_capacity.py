@@ -11,8 +11,8 @@ import pytest
 
 from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.context import is_software
-from isosample.rendering import abuffer as abuffer_module
-from isosample.rendering.abuffer import LONGEST_LIST, ABuffer
+from isosample.rendering import resolve_pass
+from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.fragment_pool import ROOM
 from isosample.rendering.frame import shared_constants
@@ -83,7 +83,7 @@ def test_full_screen_layers_composite_to_the_analytic_product(
 
 @pytest.mark.parametrize("stage", [ResolveStage.FRAGMENT, ResolveStage.COMPUTE])
 def test_lists_of_many_thousands_are_sorted(gl: moderngl.Context, stage: ResolveStage) -> None:
-    count = LONGEST_LIST
+    count = resolve_pass.LONGEST_LIST
     scene, camera = layers(count, 0.001)
     with ABuffer(gl, scene) as abuffer:
         rgba, statistics = abuffer.render(camera, (8, 8), RenderSettings(stage=stage))
@@ -97,7 +97,7 @@ def test_a_walk_that_the_driver_cuts_short_is_an_error(
 ) -> None:
     if not is_software(gl):
         pytest.skip("only llvmpipe is known to end long loops")
-    monkeypatch.setattr(abuffer_module, "LONGEST_LIST", 20_000)
+    monkeypatch.setattr(resolve_pass, "LONGEST_LIST", 20_000)
     scene, camera = layers(9000, 0.0005)
     with ABuffer(gl, scene) as abuffer, pytest.raises(LostFragmentsError, match="not walked to their end"):
         abuffer.render(camera, (8, 8), RenderSettings(min_transmittance=0.0))
@@ -179,8 +179,8 @@ def test_a_list_longer_than_can_be_sorted_is_an_error(gl: moderngl.Context) -> N
 def test_lost_fragments_stop_the_frame(gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, camera = translucent_scene()
     with ABuffer(gl, scene) as abuffer:
-        build = abuffer._build
-        monkeypatch.setattr(abuffer, "_build", lambda tile, frame: (build(tile, frame)[0], 1))
+        build = abuffer._builder._build
+        monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1))
         with pytest.raises(LostFragmentsError, match="1 fragments were rasterised"):
             abuffer.render(camera, (64, 64), RenderSettings())
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from isosample.gl.shader_source import shader_root
-from isosample.rendering.abuffer import CHAIN_CLASSES, RUN, ABuffer
+from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
+from isosample.rendering.resolve_pass import CHAIN_CLASSES, RUN
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import ClipPlane, Material, RenderSettings, ResolveStage
 from isosample.surfaces.extract import extract_surfaces
@@ -84,7 +85,7 @@ def test_chains_give_the_picture_of_the_program_for_any_list(
     with ABuffer(gl, scene_of(volume, 9)) as abuffer:
         for look in looks:
             rgba, told = abuffer.render(camera, size, look)
-            broken = int(abuffer._pool.counters()["broken_chains"])
+            broken = int(abuffer._shared.pool.counters()["broken_chains"])
             expected, expected_told = abuffer.render(camera, size, replace(look, sort_capacity=ANY_LIST))
             assert np.array_equal(rgba.view(np.uint32), expected.view(np.uint32))
             for part in TOLD.split():
@@ -97,7 +98,7 @@ def test_almost_all_lists_of_a_smooth_field_are_chains(gl: moderngl.Context) -> 
     volume = smooth_volume()
     with ABuffer(gl, scene_of(volume, 9)) as abuffer:
         _, told = abuffer.render(camera_of(volume, "orthographic"), (128, 128), RenderSettings())
-        assert int(abuffer._pool.counters()["broken_chains"]) < 0.01 * 128**2
+        assert int(abuffer._shared.pool.counters()["broken_chains"]) < 0.01 * 128**2
     assert told.max_depth_complexity > RUN  # runs were merged
 
 

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
     import moderngl
 
-    from isosample.rendering.abuffer import FrameStatistics, _Frame
+    from isosample.rendering.frame_statistics import FrameStatistics
+    from isosample.rendering.picture_frame import PictureFrame
 
 F64 = npt.NDArray[np.float64]
 SIZE = (53, 37)
@@ -343,13 +344,13 @@ def test_a_second_split_picture_builds_nothing_in_vain(
     with ABuffer(gl, scene_of(volume)) as abuffer:
         first, split = abuffer.render(camera, SIZE, small)
         built: list[Tile] = []
-        build = abuffer._build
+        build = abuffer._builder._build
 
-        def build_and_note(tile: Tile, frame: _Frame) -> object:
+        def build_and_note(tile: Tile, frame: PictureFrame) -> object:
             built.append(tile)
             return build(tile, frame)
 
-        monkeypatch.setattr(abuffer, "_build", build_and_note)
+        monkeypatch.setattr(abuffer._builder, "_build", build_and_note)
         second, again = abuffer.render(camera, SIZE, small)
         assert len(built) == again.tiles == split.tiles > 2
         third, whole = abuffer.render(camera, SIZE, RenderSettings())

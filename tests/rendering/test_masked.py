@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     import moderngl
 
-    from isosample.rendering.abuffer import FrameStatistics
     from isosample.rendering.camera import Camera
+    from isosample.rendering.frame_statistics import FrameStatistics
     from isosample.transfer.transfer_function import TransferFunction
 
 # Samples that are NaN, [z, y, x], and the box of cells that they mask (first and last sample, x, y, z).

@@ -1,0 +1,133 @@
+"""The build pass: rasterises all surfaces into the lists of one tile after the other, each of which fits the budget."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.rendering.tiles import Tile, strips, tiles_that_fit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import moderngl
+
+    from isosample.rendering.pass_resources import PassResources
+    from isosample.rendering.picture_frame import PictureFrame, PictureFrames
+
+QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
+
+
+class ListBuilder:
+    """Builds the lists of pictures, and remembers whether the last one had to be split.
+
+    Parameters
+    ----------
+    shared : PassResources
+    frames : PictureFrames
+        Of the same scene.
+    """
+
+    def __init__(self, shared: PassResources, frames: PictureFrames) -> None:
+        self._shared = shared
+        self._frames = frames
+        self._was_split = False
+        self._query = shared.ctx.query(samples=True)
+        self._rasteriser: moderngl.Framebuffer | None = None
+
+    def release(self) -> None:
+        """Free the framebuffer."""
+        if self._rasteriser is not None:
+            self._rasteriser.release()
+        self._rasteriser = None
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Make a framebuffer without attachments for pictures of (width, height) pixels."""
+        if self._rasteriser is None or self._rasteriser.size != size:
+            self.release()
+            self._rasteriser = self._shared.ctx.empty_framebuffer(size)
+
+    def built_tiles(self, frame: PictureFrame, size: tuple[int, int]) -> Iterator[tuple[Tile, int]]:
+        """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
+        parts = [(tile, False) for tile in strips(*size, self._shared.pool.max_pixels)]
+        were_split = False
+        while parts:
+            part, counted = parts.pop(0)
+            smaller, rasterised = self._build_or_split(part, frame, counted=counted)
+            parts = [(tile, True) for tile in smaller] + parts
+            were_split |= len(smaller) > 1
+            if not smaller:
+                yield part, rasterised
+        self._was_split = were_split
+
+    def _build_or_split(self, tile: Tile, frame: PictureFrame, *, counted: bool) -> tuple[list[Tile], int]:
+        """Build a tile's lists, or return smaller tiles to build in its place because they do not fit.
+
+        Where the last picture did not fit, this one probably does not either: its fragments are counted first
+        (unless `counted`), rather than built in vain.
+        """
+        budget = frame.settings.fragment_budget_bytes
+        if self._shared.pool.is_empty and frame.streamed:
+            self._shared.pool.fill(budget)  # rather than loading all meshes once more to measure
+        elif self._shared.pool.is_empty:
+            with self._shared.timer.stage("measure"):
+                measured = self._measure(tile, frame)
+            if not self._shared.pool.grow(measured, budget):
+                return self._split(tile, frame), 0
+        elif self._was_split and not counted:
+            return self._split(tile, frame), 0
+        counters, rasterised = self._build(tile, frame)
+        asked = int(counters["node_count"])
+        if rasterised == QUERY_SATURATED or asked > self._shared.pool.capacity:
+            needed = max(asked, rasterised)
+            return ([tile] if self._shared.pool.grow(needed, budget) else self._split(tile, frame)), 0
+        return [], rasterised
+
+    def _measure(self, tile: Tile, frame: PictureFrame) -> int:
+        """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""
+        self._shared.bind(tile, frame)
+        return self._draw("measure.frag", "measure.frag", tile, frame)
+
+    def _split(self, tile: Tile, frame: PictureFrame) -> list[Tile]:
+        """Tiles whose lists fit, from a count of every pixel's fragments."""
+        with self._shared.timer.stage("count"):
+            self._shared.pool.clear_counts(tile)
+            self._shared.bind(tile, frame)
+            self._draw("count.frag", "count.frag", tile, frame)
+            self._shared.ctx.memory_barrier()
+            counts = self._shared.pool.heads(tile)
+        self._shared.pool.grow(int(counts.sum(dtype=np.int64)), frame.settings.fragment_budget_bytes)
+        return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._shared.pool.capacity)
+
+    def _build(self, tile: Tile, frame: PictureFrame) -> tuple[np.void, int]:
+        """Fill the lists; return the counters and the number of fragments by an independent count."""
+        with self._shared.timer.stage("build"):
+            self._shared.pool.clear_lists(tile)
+            self._shared.bind(tile, frame)
+            constants = {
+                "SHADING": frame.shading,
+                "CURVED": int(frame.curved),
+                "RESIDUAL": int(frame.residuals),
+            }
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, **constants)
+            self._shared.ctx.memory_barrier()
+            return self._shared.pool.counters(), rasterised
+
+    def _draw(
+        self, fragment: str, mask_fragment: str, tile: Tile, frame: PictureFrame, **constants: int
+    ) -> int:
+        """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
+        assert self._rasteriser is not None
+        program = self._shared.programs.graphics(
+            "build.vert", fragment, **({"CURVED": 0, "RESIDUAL": 0} | constants)
+        )
+        masked = self._shared.scene.has_mask
+        mask_program = self._shared.programs.graphics("build_mask.vert", mask_fragment) if masked else None
+        passes = self._frames.tile_passes(frame, tile)
+        budget = frame.settings.mesh_budget_bytes
+        with self._query:
+            self._shared.scene.draw(
+                program, mask_program, self._rasteriser, tile, passes, budget, curved=frame.curved
+            )
+        return int(self._query.samples)

@@ -1,0 +1,118 @@
+"""The resolve pass: programs that sort and integrate the lists of a tile, each taking what the ones before left.
+
+Source: Lindholm et al., "Towards data centric sampling for volume rendering", Algorithm 1.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isosample.errors import CapacityError
+from isosample.integral.segment_rule import SegmentRule
+from isosample.rendering.frame import shared_constants
+from isosample.rendering.settings import ResolveStage
+from isosample.rendering.stage import resolve_stage, work_groups
+
+if TYPE_CHECKING:
+    from isosample.rendering.pass_resources import PassResources
+    from isosample.rendering.picture_frame import PictureFrame
+    from isosample.rendering.picture_target import PictureTarget
+    from isosample.rendering.tiles import Tile
+
+SEGMENT_RULES = {
+    SegmentRule.CONSTANT: 0,
+    SegmentRule.CONSTANT_FIRST_ORDER: 1,
+    SegmentRule.LINEAR: 2,
+    SegmentRule.CUBIC: 3,
+}
+# Classes of lists by length, in runs of 16 nodes; 0: empty. Each takes one program, which resolves the chains among
+# the lists that the one before left; see shaders/pass/chain.glsl. More classes take longer: every program loads in
+# vain what it leaves.
+RUN = 16
+CHAIN_CLASSES = (0, 6, 16)
+LARGEST_ARRAY = (
+    16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
+)
+LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
+
+
+class ResolvePass:
+    """Resolves lists into a picture.
+
+    Parameters
+    ----------
+    shared : PassResources
+    target : PictureTarget
+    """
+
+    def __init__(self, shared: PassResources, target: PictureTarget) -> None:
+        self._shared = shared
+        self._target = target
+
+    def resolve(self, tile: Tile, frame: PictureFrame) -> None:
+        """Sort and integrate the lists of a tile into the target."""
+        with self._shared.timer.stage("resolve"):
+            chains = not self._shared.scene.has_mask and frame.settings.sort_capacity >= RUN
+            if not chains or self._resolve_chains(tile, frame):
+                self._resolve_rest(tile, frame, first=not chains)
+
+    def _resolve_chains(self, tile: Tile, frame: PictureFrame) -> bool:
+        """Resolve the lists that are chains, by classes of length; return whether any list is left."""
+        counters = self._shared.pool.counters()
+        for number, runs in enumerate(CHAIN_CLASSES):
+            if RUN * runs > frame.settings.sort_capacity:
+                return True
+            longer = int(counters["longer_lists"])
+            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
+            counters = self._shared.pool.counters()
+            if int(counters["longer_lists"]) == longer:
+                return int(counters["broken_chains"]) > 0
+        return True
+
+    def _resolve_rest(self, tile: Tile, frame: PictureFrame, *, first: bool) -> None:
+        """Resolve all lists that are left; very long ones take a second round."""
+        constants = shared_constants()
+        capacity = min(frame.settings.sort_capacity, LARGEST_ARRAY)
+        self._run_resolve("resolve", tile, frame, first=first, SORT_CAPACITY=capacity)
+        longest = int(self._shared.pool.counters()["max_depth_complexity"])
+        if longest > constants["LINK_SORT_LIMIT"]:
+            self._merge_long_lists(tile, longest)
+            frame.block["longest_walked"] = LONGEST_LIST
+            self._shared.bind(tile, frame)
+            self._run_resolve("resolve", tile, frame, first=False, SORT_CAPACITY=capacity)
+            frame.block["longest_walked"] = constants["LINK_SORT_LIMIT"]
+
+    def _run_resolve(
+        self, entry: str, tile: Tile, frame: PictureFrame, *, first: bool, **constants: int
+    ) -> None:
+        """Run one program of the resolve pass over a tile: the first one, or one that finds something done."""
+        constants |= self._shared.scene.constants | {
+            "SHADING": frame.shading,
+            "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
+        }
+        if resolve_stage(self._shared.ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
+            screen = "screen.vert" if first else "open_blocks.vert"
+            broken = {} if first else {"BROKEN": int(entry == "resolve")}
+            program = self._shared.programs.graphics(screen, f"{entry}.frag", **broken, **constants)
+            if first:
+                self._target.fill(tile, program)
+            else:
+                self._target.fill_blocks(tile, program, shared_constants()["RESOLVE_BLOCK"])
+        else:
+            self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", **constants))
+        self._shared.ctx.memory_barrier()
+
+    def _merge_long_lists(self, tile: Tile, longest: int) -> None:
+        """Sort the lists above LINK_SORT_LIMIT, one merge pass per call."""
+        if longest > LONGEST_LIST:
+            raise CapacityError(
+                f"one pixel has {longest} fragments; at most {LONGEST_LIST} can be sorted. "
+                "Use fewer isovalues."
+            )
+        program = self._shared.programs.compute("merge_lists.comp", SORT_CAPACITY=1)
+        run = 1
+        while run < longest:
+            program["run"] = run
+            program.run(*work_groups(tile))
+            self._shared.ctx.memory_barrier()
+            run *= 2
