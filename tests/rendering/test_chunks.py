@@ -13,8 +13,9 @@ from isosample.errors import CapacityError, InputError
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.culling import Bounds, outline_planes, ruled_out, slack_of, tile_planes
-from isosample.rendering.device_meshes import GAP, bytes_of, runs
+from isosample.rendering.device_meshes import bytes_of
 from isosample.rendering.frame import frame_block
+from isosample.rendering.mesh_batch import GAP, runs
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import ClipPlane, RenderSettings
 from isosample.rendering.tiles import Tile

@@ -1,0 +1,123 @@
+"""Some pieces of a scene's meshes on the GPU, drawn with as few calls as their order allows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import moderngl
+
+Bool = npt.NDArray[np.bool_]
+I64 = npt.NDArray[np.int64]
+
+GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
+COMMAND_WORDS = 5  # indices, instances, first index, base vertex, base instance
+
+
+class Batch:
+    """Some pieces on the GPU.
+
+    Attributes
+    ----------
+    rows : (R,) int64
+        Which, in the scene's order.
+    bytes : int
+    residual : int or None
+        Which column of the residuals is there.
+    """
+
+    def __init__(
+        self,
+        ctx: moderngl.Context,
+        chunks: npt.NDArray[np.void],
+        rows: I64,
+        starts: I64,
+        buffers: Sequence[moderngl.Buffer],
+        residual: int | None,
+        size: int,
+    ) -> None:
+        self._ctx = ctx
+        self.rows, self.bytes, self.residual = rows, size, residual
+        self._levels, self._counts = chunks["level"][rows], chunks["index_count"][rows]
+        self._gap = (
+            0 if chunks["detail"].any() else GAP
+        )  # what lies between may be another detail of what is drawn
+        self._starts = starts
+        self._vertices, self._indices, *rest = buffers
+        self._residuals = rest[0] if rest else None
+        self._vertex_arrays: dict[int, moderngl.VertexArray] = {}
+
+    def draw(self, program: moderngl.Program, shown: Bool) -> None:
+        """Draw pieces with a program.
+
+        Parameters
+        ----------
+        program : moderngl.Program
+            Must stay alive as long as this object.
+        shown : (C,) bool
+            Which pieces of the scene are to be drawn; of those here, neighbours may be drawn along.
+        """
+        kept = shown[self.rows]
+        levels, first, count = runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
+        if len(first) == 0:
+            return
+        vertex_array = self._vertex_array(program)
+        has_level = "level" in program
+        groups = np.flatnonzero(np.diff(levels, prepend=-1)) if has_level else np.zeros(1, dtype=np.int64)
+        stops = [*groups[1:].tolist(), len(first)]
+        commands = self._commands(first, count) if len(groups) < len(first) else None
+        for start, stop in zip(groups.tolist(), stops, strict=True):
+            if has_level:
+                program["level"] = int(levels[start])
+            if stop - start == 1 or commands is None:
+                vertex_array.render(vertices=int(count[start]), first=int(first[start]))
+            else:
+                vertex_array.render_indirect(commands, count=stop - start, first=start)
+        if commands is not None:
+            commands.release()
+
+    def release(self) -> None:
+        """Free every buffer."""
+        for vertex_array in self._vertex_arrays.values():
+            vertex_array.release()
+        for buffer in (self._vertices, self._indices, self._residuals):
+            if buffer is not None:
+                buffer.release()
+        self._vertex_arrays = {}
+
+    def _commands(self, first: I64, count: I64) -> moderngl.Buffer:
+        """The draws as the GPU reads them."""
+        commands = np.zeros((len(first), COMMAND_WORDS), dtype=np.uint32)
+        commands[:, 0], commands[:, 1], commands[:, 2] = count, 1, first
+        return self._ctx.buffer(commands)
+
+    def _vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        key = id(program)
+        if key not in self._vertex_arrays:
+            layout = ("3f 3f", "position", "gradient") if "gradient" in program else ("3f 3x4", "position")
+            content: list[tuple[object, ...]] = [(self._vertices, *layout)]
+            if "residual" in program:
+                content.append((self._residuals, "1f", "residual"))
+            self._vertex_arrays[key] = self._ctx.vertex_array(program, content, index_buffer=self._indices)
+        return self._vertex_arrays[key]
+
+
+def runs(
+    levels: npt.NDArray[np.generic], starts: I64, counts: I64, largest_gap: int = GAP
+) -> tuple[I64, I64, I64]:
+    """Levels, first indices and counts of draws: pieces of one level that (nearly) follow each other are one."""
+    if len(starts) == 0:
+        none = np.zeros(0, dtype=np.int64)
+        return none, none, none
+    stops = starts + counts
+    level = levels.astype(np.int64)
+    gap = starts[1:] - stops[:-1]
+    begins = np.concatenate([[True], (level[1:] != level[:-1]) | (gap < 0) | (gap > largest_gap)])
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(starts)) - 1
+    return level[first], starts[first], stops[last] - starts[first]
