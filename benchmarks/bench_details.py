@@ -15,7 +15,8 @@ from benchmarks.machine import describe_machine, median, table
 from benchmarks.raycast_scenes import nucleon_tents, scans
 from isosample.gl.context import shared_context
 from isosample.rendering.abuffer import ABuffer
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings
 from isosample.surfaces.brick_samples import gradients_at, load_brick

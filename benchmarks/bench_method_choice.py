@@ -28,7 +28,8 @@ from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
 from isosample.rendering.method_choice import FEATURES, estimate_cost, is_sharp, raycast_settings_for
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.preparation import Quality, plan_for, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.scene_load import LoadEstimator, SceneLoad

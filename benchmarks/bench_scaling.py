@@ -21,7 +21,8 @@ from benchmarks.raycast_curves import OurFrames
 from benchmarks.raycast_scenes import TENTS, RaycastScene
 from benchmarks.scaling_curves import DATA_CENTRIC, HEADS, Sweep, figure, measured, rows
 from benchmarks.surface_frames import SurfaceFrames
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.raycast_settings import Classification, RaycastSettings
 from isosample.rendering.settings import RenderSettings
 from isosample.surfaces.detail import MOST_DETAILS

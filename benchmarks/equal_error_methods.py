@@ -12,7 +12,7 @@ from benchmarks.bench_raycast import has_vtk, settings_of
 from benchmarks.raycast_curves import OurFrames
 from benchmarks.surface_frames import SurfaceFrames
 from isosample.rendering.method_choice import is_sharp
-from isosample.rendering.preparation import Quality, plan_for
+from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, Integration
 from isosample.surfaces.detail import MOST_DETAILS
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from isosample.gl.context import shared_context
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from benchmarks.raycast_scenes import RaycastScene
     from isosample.rendering.camera import Camera
+    from isosample.rendering.quality import Quality
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
 

@@ -192,7 +192,8 @@ def precompute(
     volume: Volume, tf: TransferFunction, cache: Path, took: dict[str, float], progress: Progress
 ) -> dict[str, int]:
     """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
-    from isosample.rendering.preparation import Quality, prepare_surfaces
+    from isosample.rendering.preparation import prepare_surfaces
+    from isosample.rendering.quality import Quality
     from isosample.surfaces.cache import content_hash, write_cache
     from isosample.surfaces.cache_folders import folder_bytes
 

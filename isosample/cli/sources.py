@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from isosample.cli.console import Progress
-    from isosample.rendering.preparation import Quality
+    from isosample.rendering.quality import Quality
     from isosample.surfaces.cache import CachedScene, OpenedScene
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.settings import ExtractionSettings
@@ -173,7 +173,7 @@ def quality_of(args: argparse.Namespace) -> Quality:
     """
     from isosample.cli.arguments import UNSET
     from isosample.defaults import DEFAULT_MAX_ISOVALUES
-    from isosample.rendering.preparation import Quality
+    from isosample.rendering.quality import Quality
     from isosample.volume.reconstruction import Reconstruction
 
     if args.tolerance is not None and args.per_slope is not None:

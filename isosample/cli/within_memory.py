@@ -39,7 +39,7 @@ def precompute_within(
     args: argparse.Namespace, volume: Volume, given: TransferFunction | None, memory: int
 ) -> tuple[Path, PreparedScene]:
     """Write the scene of a volume into its cache folder with a memory budget; return the folder and the scene."""
-    from isosample.rendering.preparation import prepare_stored_surfaces
+    from isosample.rendering.stored_preparation import prepare_stored_surfaces
     from isosample.surfaces.cache import claim_folder, content_hash, write_cache
     from isosample.surfaces.out_of_core import SurfaceLists
 

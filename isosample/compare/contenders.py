@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from isosample.defaults import DATA_CENTRIC
 from isosample.errors import InputError
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.raycast_settings import Classification, RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.screen_error import screen_error_within

@@ -19,7 +19,7 @@ from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
 from isosample.rendering.camera import Camera
-from isosample.rendering.preparation import Quality, plan_for
+from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, PeakWeight, RaycastSettings
 from isosample.rendering.scene_load import LoadEstimator
 from isosample.rendering.settings import RenderSettings, check_size

@@ -13,25 +13,24 @@ from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings, check_size
+from isosample.rendering.stage_progress import of_stage
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import moderngl
 
     from isosample.rendering.error_map import ErrorMap
     from isosample.rendering.frame_statistics import FrameStatistics
+    from isosample.rendering.stage_progress import Progress
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
-
-    Progress = Callable[[str, int, int], None]
 
 
 def render(
@@ -217,7 +216,7 @@ class Renderer:
         width, height = check_size(size)
         camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
         rgba, frame = self._abuffer.render(
-            camera, (width, height), settings or RenderSettings(), _stage_progress(progress, "render")
+            camera, (width, height), settings or RenderSettings(), of_stage(progress, "render")
         )
         seconds = self._seconds | self._abuffer.timer.seconds
         self._seconds = {}
@@ -246,7 +245,7 @@ class Renderer:
             camera,
             (width, height),
             settings or RenderSettings(),
-            _stage_progress(progress, "error map"),
+            of_stage(progress, "error map"),
         )
         timer.seconds = before | {"upload": timer.seconds.get("upload", 0.0)}  # not done again for a picture
         return found
@@ -290,9 +289,3 @@ def statistics_of(
         "refine": surfaces.settings.refine,
         **({"tolerance": scene.plan.report} if scene.plan.report else {}),
     }
-
-
-def _stage_progress(progress: Progress | None, stage: str) -> Callable[[int, int], None] | None:
-    if progress is None:
-        return None
-    return lambda done, total: progress(stage, done, total)

@@ -13,20 +13,19 @@ from isosample.integral.reference import DEFAULT_TOLERANCE, ReferenceTracer, pro
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
 from isosample.rendering.settings import RenderSettings, check_size
+from isosample.rendering.stage_progress import of_stage
 from isosample.surfaces.extract import ExtractionSettings, check_volume
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
+    from isosample.rendering.stage_progress import Progress
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
     F64 = npt.NDArray[np.float64]
     I64 = npt.NDArray[np.int64]
-    Progress = Callable[[str, int, int], None]
 
 
 def render_reference(
@@ -133,7 +132,7 @@ class ReferenceRenderer:
             origins.reshape(-1, 3),
             directions.reshape(-1, 3),
             clip_planes=[(plane.nx, plane.ny, plane.nz, plane.d) for plane in settings.clip_planes],
-            progress=None if progress is None else lambda done, total: progress("render", done, total),
+            progress=of_stage(progress, "render"),
         )
         rgba += (1.0 - rgba[:, 3:]) * np.array(settings.background_premultiplied)
         seconds = self._seconds | {"render": time.perf_counter() - started}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,15 +12,15 @@ from isosample.defaults import SHOWN_QUANTILE
 from isosample.rendering.planning_views import PlanningViews, orbit_views, reached
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
+from isosample.rendering.stage_progress import of_stage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from isosample.rendering.camera import Camera
+    from isosample.rendering.stage_progress import Progress
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-
-    Progress = Callable[[str, int, int], None]
 
 PIXELS = 48
 LONGEST, SHORTEST = 2.0, 1.0 / 128.0  # steps that are tried [voxel]
@@ -99,7 +98,7 @@ def step_for_tolerance(
         PIXELS,
         tolerance=tolerance,
         reconstruction=own.reconstruction,
-        progress=None if progress is None else partial(progress, "truth"),
+        progress=of_stage(progress, "truth"),
     )
     rounds: list[dict[str, float]] = []
     step = LONGEST

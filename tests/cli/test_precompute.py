@@ -178,8 +178,8 @@ def test_an_interrupted_run_says_that_it_can_go_on(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    name = "isosample.rendering.preparation." + ("prepare_stored_surfaces" if more else "prepare_surfaces")
-    monkeypatch.setattr(name, interrupt)
+    name = "stored_preparation.prepare_stored_surfaces" if more else "preparation.prepare_surfaces"
+    monkeypatch.setattr(f"isosample.rendering.{name}", interrupt)
     outcome = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
     assert outcome.status == 130
     assert "the same command goes on from there" in outcome.err

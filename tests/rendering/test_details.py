@@ -16,10 +16,12 @@ from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.detail_choice import DetailChoice
 from isosample.rendering.frame import frame_block
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.preparation import Quality, prepare_stored_surfaces, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.scene import Scene
 from isosample.rendering.screen_error import screen_error_within
 from isosample.rendering.settings import ClipPlane, RenderSettings
+from isosample.rendering.stored_preparation import prepare_stored_surfaces
 from isosample.surfaces.detail import MOST_DETAILS, detail_tolerance
 from isosample.surfaces.detail_sets import with_details
 from isosample.surfaces.extract import extract_surfaces

@@ -15,7 +15,7 @@ from isosample.errors import InputError
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.method_choice import FEATURES, choose_method, costs_of, estimate_cost
 from isosample.rendering.pipeline import render
-from isosample.rendering.preparation import Quality, plan_for
+from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.raycaster import raycast
 from isosample.rendering.scene_load import LoadEstimator, SceneLoad

@@ -11,7 +11,7 @@ from isosample.defaults import DATA_CENTRIC, PRE_INTEGRATED
 from isosample.rendering import method_costs, step_search
 from isosample.rendering.camera import Camera
 from isosample.rendering.method_choice import choose_method, tolerance_needs
-from isosample.rendering.preparation import Quality
+from isosample.rendering.quality import Quality
 from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.raycaster import raycast
 from isosample.rendering.reference_image import render_reference

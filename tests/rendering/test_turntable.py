@@ -12,7 +12,8 @@ import pytest
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera, Projection, UpAxis
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.preparation import Quality, prepare_surfaces
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.turntable import FrameLog, turned, turntable
 from isosample.tally import tally

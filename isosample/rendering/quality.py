@@ -1,0 +1,97 @@
+"""How many isovalues a picture gets and how fine its meshes are: what is asked for, planned and reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_PER_SLOPE
+from isosample.errors import InputError
+from isosample.surfaces.detail_sets import check_details
+from isosample.surfaces.settings import REFINEMENTS
+from isosample.transfer.isovalues import plan_isovalues
+from isosample.volume.reconstruction import GridSpline, Reconstruction
+from isosample.volume.statistics import gradient_at_values
+
+if TYPE_CHECKING:
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
+    from isosample.surfaces.surface_set import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quality:
+    """How many isovalues a picture gets, and how well its meshes follow the field.
+
+    Attributes
+    ----------
+    per_slope : int or None
+        Isovalues inside each visible slope of the transfer function; None: the default, or what the tolerance
+        needs.
+    tolerance : float or None
+        Largest error of a component of a pixel, for all but a thousandth of the pixels; the isovalues and the
+        refinement are then searched for. None: `per_slope` decides.
+    max_isovalues : int
+        At most so many isovalues for a tolerance.
+    reconstruction : Reconstruction
+        The field between the samples.
+    refine : int or None
+        Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8. None: as many as the meshes need to
+        come within 0.01 voxel (rms) of the isosurfaces, or as the tolerance needs.
+    curved : bool or None
+        Which triangles `refine=None` measures, see `RenderSettings.curved`.
+    details : int
+        0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
+        `surfaces.detail`.
+
+    Raises
+    ------
+    InputError
+        If two options contradict each other or one is out of range.
+    """
+
+    per_slope: int | None = None
+    tolerance: float | None = None
+    max_isovalues: int = DEFAULT_MAX_ISOVALUES
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR
+    refine: int | None = 1
+    curved: bool | None = None
+    details: int = 0
+
+    def __post_init__(self) -> None:
+        if self.tolerance is not None and self.per_slope is not None:
+            raise InputError(
+                f"per_slope {self.per_slope} and tolerance {self.tolerance:g} both decide about the isovalues; "
+                "leave out one of them."
+            )
+        if self.tolerance is not None and not self.tolerance > 0.0:
+            raise InputError(f"tolerance {self.tolerance!r} must be above 0, for instance 1/255.")
+        if self.max_isovalues < 1:
+            raise InputError(f"max_isovalues {self.max_isovalues!r} must be a whole number >= 1.")
+        if self.refine is not None and self.refine not in REFINEMENTS:
+            raise InputError(
+                f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
+            )
+        check_details(self.details)
+
+
+def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
+    """Isovalues with so many per slope, of the range that the reconstruction can take."""
+    per_slope = DEFAULT_PER_SLOPE if quality.per_slope is None else quality.per_slope
+    smooth = quality.reconstruction.smooth
+    value_range = (
+        GridSpline.build(volume, quality.reconstruction).value_range if smooth else volume.value_range
+    )
+    return plan_isovalues(
+        transfer_function, value_range, per_slope=per_slope, gradients=partial(gradient_at_values, volume)
+    )
+
+
+def mesh_distance(surfaces: SurfaceSet | StoredSurfaces, curved: bool | None) -> float:
+    """Largest rms distance of a level from its isosurface, as it is rendered [voxel]."""
+    errors = [error for error in surfaces.mesh_errors if error is not None]
+    bent = surfaces.settings.reconstruction.smooth if curved is None else curved
+    return max((error.curved_rms if bent else error.flat_rms for error in errors), default=0.0)
