@@ -26,7 +26,8 @@ from benchmarks.machine import describe_machine, processor, table
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs
-from isosample.rendering.method_choice import FEATURES, estimate_cost, is_sharp, raycast_settings_for
+from isosample.rendering.cost_estimate import FEATURES, estimate_cost
+from isosample.rendering.method_choice import is_sharp, raycast_settings_for
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality, plan_for

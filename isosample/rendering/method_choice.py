@@ -1,82 +1,39 @@
-"""Which method shows a scene at the least cost: an estimate from the plan and the data, without rendering.
-
-The figures of `method_costs.py` come from ``python -m benchmarks.bench_method_choice --write``, which measures scenes
-of known load and fits seconds per unit of work.
-"""
+"""Which method shows a scene at the least cost: an estimate from the plan and the data, without rendering."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, DEFAULT_SIZE, PEAK_FINDING, PRE_INTEGRATED
 from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
-from isosample.rendering import method_costs
 from isosample.rendering.camera import Camera
+from isosample.rendering.cost_estimate import (
+    after_search,
+    costs_of,
+    estimate_cost,
+    origin_of_costs,
+    tolerance_needs,
+    with_tolerance,
+)
 from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, PeakWeight, RaycastSettings
 from isosample.rendering.scene_load import LoadEstimator
 from isosample.rendering.settings import RenderSettings, check_size
-from isosample.rendering.step_search import LONGEST, SHORTEST
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.isovalue_plan import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
+    from isosample.rendering.cost_estimate import CostEstimate
     from isosample.rendering.scene_load import SceneLoad
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-
-# What the seconds of a stage go with; `start` is what every picture costs. The names are those of `SceneLoad`.
-FEATURES: dict[str, tuple[str, ...]] = {
-    f"{DATA_CENTRIC} prepare": ("start", "scanned_cells", "triangles"),
-    f"{DATA_CENTRIC} frame": (
-        "start",
-        "pixels",
-        "triangles",
-        "fragments",
-        "ordered_fragments",
-        "resolved_fragments",
-    ),
-    f"{PRE_INTEGRATED} prepare": ("start", "voxels"),
-    f"{PRE_INTEGRATED} frame": ("start", "pixels", "samples", "pieces", "macrocells"),
-    f"{PEAK_FINDING} prepare": ("start", "voxels"),
-    f"{PEAK_FINDING} frame": ("start", "pixels", "visible_length", "samples", "pieces", "macrocells"),
-}
-ASSUMED_SPEED = 50.0  # of a GPU over the software renderer, where its own figures are not measured
-
-
-@dataclass(frozen=True, slots=True)
-class CostEstimate:
-    """Seconds that a method is expected to take.
-
-    Attributes
-    ----------
-    method : str
-    prepare_seconds : float
-        Before the first frame: plan, extraction, upload, programs; volume and macrocells.
-    frame_seconds : float
-        Of every frame.
-    frames : int
-    """
-
-    method: str
-    prepare_seconds: float
-    frame_seconds: float
-    frames: int
-
-    @property
-    def total_seconds(self) -> float:
-        """Of all frames with the preparation."""
-        return self.prepare_seconds + self.frames * self.frame_seconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +151,7 @@ def choose_method(
     load = LoadEstimator(volume, transfer_function, quality.reconstruction).load(
         plan, cameras, size, settings, step=step
     )
-    load = load if needs is None else _scaled(load, needs)
+    load = load if needs is None else with_tolerance(load, needs)
     on_processor = is_software(shared_context()) if software is None else software
     costs = costs_of(software=on_processor)
     shaded, smooth = settings.material is not None, quality.reconstruction.smooth
@@ -203,14 +160,14 @@ def choose_method(
         for method in methods
     ]
     if needs is not None:
-        found = [_after_search(one, needs) for one in found]
+        found = [after_search(one, needs) for one in found]
     estimates = tuple(sorted(found, key=lambda one: one.total_seconds))
     return MethodChoice(
         method=estimates[0].method,
         reason=_reason(estimates, among),
         estimates=estimates,
         load=load,
-        measured=_measured(software=on_processor),
+        measured=origin_of_costs(software=on_processor),
         estimate_seconds=time.perf_counter() - started,
     )
 
@@ -237,97 +194,6 @@ def raycast_settings_for(method: str, template: RaycastSettings | None = None) -
     )
 
 
-def estimate_cost(
-    method: str,
-    load: SceneLoad,
-    costs: Mapping[str, Mapping[str, float]],
-    *,
-    frames: int = 1,
-    shaded: bool = False,
-    smooth: bool = False,
-) -> CostEstimate:
-    """Seconds of a method for a load.
-
-    Parameters
-    ----------
-    method : str
-        One of `CHOSEN_FROM`.
-    load : SceneLoad
-    costs : mapping
-        Of `costs_of`.
-    frames : int
-    shaded : bool
-        Whether the picture is lit.
-    smooth : bool
-        Whether the reconstruction is smooth.
-    """
-    seconds = {
-        stage: sum(cost * _amount(load, name) for name, cost in costs[f"{method} {stage}"].items())
-        for stage in ("prepare", "frame")
-    }
-    factors = costs["factors"]
-    for stage in seconds:
-        for holds, word in ((shaded, "shaded"), (smooth, "smooth")):
-            seconds[stage] *= factors.get(f"{method} {stage} {word}", 1.0) if holds else 1.0
-    return CostEstimate(method, seconds["prepare"], seconds["frame"], frames)
-
-
-def costs_of(*, software: bool) -> dict[str, dict[str, float]]:
-    """Seconds per unit of work by stage; of a GPU those of the software renderer with frames `ASSUMED_SPEED` faster."""
-    if software:
-        return method_costs.SOFTWARE
-    return {
-        stage: {
-            name: cost / (ASSUMED_SPEED if stage.endswith(" frame") else 1.0) for name, cost in costs.items()
-        }
-        for stage, costs in method_costs.SOFTWARE.items()
-    }
-
-
-def tolerance_needs(tolerance: float) -> dict[str, float]:
-    """What a tolerance took in measured scenes, between and beyond them by powers of the tolerance.
-
-    Parameters
-    ----------
-    tolerance : float
-
-    Returns
-    -------
-    needs : dict
-        ``isovalues`` and ``triangles``, as multiples of those without a tolerance; ``step`` [voxel];
-        ``surface_search`` and ``ray_search`` [s].
-    """
-    rows = sorted(method_costs.TOLERANCES, key=lambda row: row["tolerance"])
-    known = np.log([row["tolerance"] for row in rows])
-    at = int(np.clip(np.searchsorted(known, math.log(tolerance)), 1, len(rows) - 1))
-    part = (math.log(tolerance) - known[at - 1]) / (known[at] - known[at - 1])
-    found = {}
-    for name in rows[0].keys() - {"tolerance"}:
-        low, high = math.log(rows[at - 1][name]), math.log(rows[at][name])
-        found[name] = math.exp(low + part * (high - low))
-    found["step"] = min(max(found["step"], SHORTEST), LONGEST)
-    return found
-
-
-def _scaled(load: SceneLoad, needs: Mapping[str, float]) -> SceneLoad:
-    """The load with the isovalues and triangles of a tolerance."""
-    more = needs["isovalues"]
-    return dataclasses.replace(
-        load,
-        isovalues=round(load.isovalues * more),
-        triangles=load.triangles * needs["triangles"],
-        fragments=load.fragments * more,
-        ordered_fragments=load.ordered_fragments * more,
-        resolved_fragments=load.resolved_fragments * more,
-    )
-
-
-def _after_search(one: CostEstimate, needs: Mapping[str, float]) -> CostEstimate:
-    """An estimate with the search for a tolerance in its preparation."""
-    search = needs["surface_search" if one.method == DATA_CENTRIC else "ray_search"]
-    return dataclasses.replace(one, prepare_seconds=one.prepare_seconds + search)
-
-
 def is_sharp(plan: IsovaluePlan) -> bool:
     """Whether a transfer function has isosurfaces, or peaks that are narrower than meshes can tell."""
     return any(reason in (Reason.IMPULSE, Reason.SHEET) for reason in plan.reasons)
@@ -341,10 +207,6 @@ def _possible(plan: IsovaluePlan, among: Sequence[str]) -> list[str]:
     return [DATA_CENTRIC, *kept] if DATA_CENTRIC in among else kept
 
 
-def _amount(load: SceneLoad, name: str) -> float:
-    return 1.0 if name == "start" else float(getattr(load, name))
-
-
 def _reason(estimates: Sequence[CostEstimate], among: Sequence[str]) -> str:
     first = estimates[0]
     frames = "1 frame" if first.frames == 1 else f"{first.frames} frames"
@@ -356,11 +218,3 @@ def _reason(estimates: Sequence[CostEstimate], among: Sequence[str]) -> str:
         )
     told = " against ".join(f"{one.total_seconds:.2g} s by {one.method}" for one in estimates)
     return f"{told} are estimated for {frames} with the preparation"
-
-
-def _measured(*, software: bool) -> str:
-    if software:
-        return method_costs.SOFTWARE_MEASURED
-    return (
-        f"assumed, not measured: frames {ASSUMED_SPEED:g} times faster than {method_costs.SOFTWARE_MEASURED}"
-    )

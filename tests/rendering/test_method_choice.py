@@ -13,7 +13,8 @@ import pytest
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.method_choice import FEATURES, choose_method, costs_of, estimate_cost
+from isosample.rendering.cost_estimate import FEATURES, costs_of, estimate_cost
+from isosample.rendering.method_choice import choose_method
 from isosample.rendering.pipeline import render
 from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import RaycastSettings

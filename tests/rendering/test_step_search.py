@@ -10,7 +10,8 @@ import pytest
 from isosample.defaults import DATA_CENTRIC, PRE_INTEGRATED
 from isosample.rendering import method_costs, step_search
 from isosample.rendering.camera import Camera
-from isosample.rendering.method_choice import choose_method, tolerance_needs
+from isosample.rendering.cost_estimate import tolerance_needs
+from isosample.rendering.method_choice import choose_method
 from isosample.rendering.quality import Quality
 from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.raycaster import raycast
