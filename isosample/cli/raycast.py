@@ -14,6 +14,7 @@ from isosample.cli.methods import (
     choice_statistics,
 )
 from isosample.cli.outputs import check_driver, write_json
+from isosample.cli.summary import say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.defaults import PEAK_FINDING
 from isosample.wording import thousands
@@ -59,7 +60,7 @@ def run_raycast(
         more["tolerance"], fields["tolerance"] = report, step_line(report)
     if args.turntable is not None:
         with RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
-            return run_turntable(
+            run_turntable(
                 args,
                 cameras_of(args, camera, volume.box),
                 lambda one, progress: caster.render(
@@ -69,6 +70,8 @@ def run_raycast(
                 more=more,
                 fields=fields,
             )
+        say_if_volume_is_empty(volume, tf, raycast.reconstruction)
+        return 0
     with progress_bars() as progress, RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
         image = caster.render(
             camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
@@ -77,6 +80,7 @@ def run_raycast(
     if args.stats:
         write_json(args.stats, image.stats | more)
     _summarise(image, args, log.elapsed, fields)
+    say_if_volume_is_empty(volume, tf, raycast.reconstruction)
     return 0
 
 

@@ -8,6 +8,7 @@ from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
+from isosample.cli.summary import say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.wording import thousands
 
@@ -33,11 +34,10 @@ def run_reference(
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
-    renderer = ReferenceRenderer(
-        volume, tf, reconstruction=Reconstruction(args.reconstruction or "trilinear"), nan_masked=masked
-    )
+    reconstruction = Reconstruction(args.reconstruction or "trilinear")
+    renderer = ReferenceRenderer(volume, tf, reconstruction=reconstruction, nan_masked=masked)
     if args.turntable is not None:
-        return run_turntable(
+        run_turntable(
             args,
             cameras_of(args, camera, volume.box),
             lambda one, progress: renderer.render(
@@ -47,6 +47,8 @@ def run_reference(
             more={"source": str(args.source), "transfer_function": origin},
             fields={},
         )
+        say_if_volume_is_empty(volume, tf, reconstruction)
+        return 0
     with progress_bars() as progress:
         image = renderer.render(
             camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
@@ -62,4 +64,5 @@ def run_reference(
             "seconds": seconds(log.elapsed),
         }
     )
+    say_if_volume_is_empty(volume, tf, reconstruction)
     return 0

@@ -26,7 +26,7 @@ from isosample.cli.outputs import (
 )
 from isosample.cli.parser import add_command
 from isosample.cli.raycast_arguments import add_raycast_options
-from isosample.cli.summary import check_strict, scene_fields, summarise
+from isosample.cli.summary import check_strict, say_if_empty, scene_fields, summarise
 from isosample.cli.turntable import cameras_of, check_turntable, outputs_of, run_turntable
 from isosample.defaults import (
     DATA_CENTRIC,
@@ -234,7 +234,7 @@ def _film(
     with renderer(scene) as picture:
         with progress_bars() as progress:
             settings = _within_tolerance(args, scene, picture, spread(cameras), settings, progress)
-        return run_turntable(
+        run_turntable(
             args,
             cameras,
             lambda one, progress: picture.render(
@@ -244,6 +244,8 @@ def _film(
             more=scene_statistics(scene, args),
             fields=scene_fields(scene, settings.screen_error),
         )
+    say_if_empty(scene.plan, scene.transfer_function)
+    return 0
 
 
 def spread(cameras: list[Camera]) -> list[Camera]:

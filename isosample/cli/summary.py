@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+    from isosample.volume.reconstruction import Reconstruction
 
 FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
     "band_violations": "{} crossings did not continue the course of the data on their rays; what was missing was put "
@@ -89,8 +92,7 @@ def summarise(
     if errors is not None:
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
-    if not stats["isovalues"] and not scene.plan.band_visible.any():
-        say(_nothing_visible(scene))
+    say_if_empty(scene.plan, scene.transfer_function)
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
@@ -110,16 +112,37 @@ def _triangles(stats: dict[str, Any]) -> str:
     return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
 
 
-def _nothing_visible(scene: PreparedScene) -> str:
-    """Why a picture is empty, with both ranges: the transfer function may be in other units than the volume."""
-    tf, (low, high) = scene.transfer_function, scene.plan.value_range
-    visible = [point.value for slope in tf.slopes() if slope.visible for point in (slope.low, slope.high)]
-    visible += [one.value for one in tf.isosurfaces]
+def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> None:
+    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume."""
+    if _shows_something(plan):
+        return
+    slopes = [slope for slope in transfer_function.slopes() if slope.visible]
+    visible = [point.value for slope in slopes for point in (slope.low, slope.high)]
+    visible += [one.value for one in transfer_function.isosurfaces]
     where = f"its visible part is {min(visible):g} to {max(visible):g}" if visible else "it has none at all"
-    return (
+    low, high = plan.value_range
+    say(
         "nothing is visible: the transfer function has no extinction inside the volume's range, "
         f"{low:g} to {high:g}; {where}"
     )
+
+
+def say_if_volume_is_empty(
+    volume: Volume, transfer_function: TransferFunction, reconstruction: Reconstruction
+) -> None:
+    """Tell the same of pictures of a volume that are made without a plan."""
+    from isosample.rendering.quality import Quality, plan_for
+    from isosample.transfer.isovalues import plan_isovalues
+
+    of_samples = plan_isovalues(transfer_function, volume.value_range, per_slope=1)
+    if reconstruction.interpolates and _shows_something(of_samples):
+        return  # what the samples reach, a field through them reaches too: no spline needs to be built
+    quality = Quality(per_slope=1, reconstruction=reconstruction)
+    say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+
+
+def _shows_something(plan: IsovaluePlan) -> bool:
+    return bool(len(plan.isovalues) or plan.band_visible.any())
 
 
 def scene_fields(scene: PreparedScene, screen_error: float) -> dict[str, str]:

@@ -89,7 +89,7 @@ def run_turntable(
     *,
     more: Mapping[str, Any],
     fields: Mapping[str, str],
-) -> int:
+) -> None:
     """Draw the frames, write the film, and sum up.
 
     Parameters
@@ -139,7 +139,6 @@ def run_turntable(
     stale = _numbered_besides(film.paths)
     if stale:
         say(f"{len(stale)} files of another film remain: {stale[0]} to {stale[-1].name}")
-    return 0
 
 
 def _numbered_besides(paths: list[Path]) -> list[Path]:

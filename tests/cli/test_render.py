@@ -17,6 +17,7 @@ import isosample
 from cli.harness import Run, blob, write_json
 from cli.test_info import write_turned
 from isosample.cli import build_parser
+from isosample.cli.methods import METHODS
 from isosample.cli.render import settings_of
 from isosample.cli.summary import summarise
 
@@ -239,8 +240,8 @@ def test_the_summary_tells_segments_that_were_cut(run: Run) -> None:
 
 def test_the_summary_tells_crossings_that_were_put_in(capfd: pytest.CaptureFixture[str]) -> None:
     surfaces = SimpleNamespace(statistics=SimpleNamespace(levels_reused=0), details=())
-    plan = SimpleNamespace(band_visible=np.array([True]), report={})
-    scene: Any = SimpleNamespace(surfaces=surfaces, plan=plan, mesh_distance=None)
+    plan = SimpleNamespace(isovalues=[1.0], report={})
+    scene: Any = SimpleNamespace(surfaces=surfaces, plan=plan, transfer_function=None, mesh_distance=None)
     stats = {"size": [2, 2], "isovalues": [1.0], "triangles": {"drawn": 9}, "fragments": 8}
     stats |= {"max_depth_complexity": 3, "lost_fragments": 0, "saturated_segments": 0, "unrepaired_pixels": 0}
     stats |= {"skipped": {"chunks_coarser": 0, "chunks_of": 5}, "screen_error": 0.25}
@@ -299,15 +300,35 @@ def test_without_a_transfer_function_one_is_suggested_and_said(run: Run) -> None
     np.testing.assert_array_equal(pixels(), expected)
 
 
-def test_a_picture_of_nothing_is_empty_and_says_so(run: Run) -> None:
+@pytest.mark.parametrize("film", ["", "--turntable 2"])
+@pytest.mark.parametrize("method", [*METHODS, "auto"])
+def test_a_picture_of_nothing_is_empty_and_says_so(run: Run, method: str, film: str) -> None:
     ends = [{"value": value, "color": [1, 1, 1], "extinction": 1} for value in (200, 300)]
     write_json(Path("beyond.json"), {"points": ends})
-    outcome = run("render blob.npy --tf beyond.json --size 16x16 -o out.npy")
+    outcome = run(f"render blob.npy --tf beyond.json --method {method} --size 16x16 {film} -o out.npy")
     assert outcome.status == 0
-    assert "nothing is visible" in outcome.out
     low, high = float(blob().min()), float(blob().max())
-    assert f"range, {low:g} to {high:g}; its visible part is 200 to 300" in outcome.out
-    assert not pixels().any()
+    told = (
+        f"nothing is visible: the transfer function has no extinction inside the volume's range, {low:g} to {high:g}; "
+        "its visible part is 200 to 300"
+    )
+    assert outcome.out.splitlines().count(told) == 1
+    for name in ["out-000.npy", "out-001.npy"] if film else ["out.npy"]:
+        assert not np.load(name).any()
+
+
+def test_what_only_a_spline_reaches_is_not_called_nothing(run: Run) -> None:
+    """The cubic of samples 0, 1, 1, 0 rises to 9/8 between them, which is above all samples."""
+    samples = np.zeros((4, 4, 4), dtype=np.float32)
+    samples[:, :, 1:3] = 1.0
+    np.save("ridge.npy", samples)
+    ends = [{"value": value, "color": [1, 1, 1], "extinction": 9} for value in (1.05, 1.2)]
+    write_json(Path("top.json"), {"points": ends})
+    ridge = "render ridge.npy --tf top.json --size 16x16 --method pre-integrated -o out.npy"
+    assert "nothing is visible" in run(ridge).out
+    outcome = run(f"{ridge} --reconstruction cubic")
+    assert "nothing is visible" not in outcome.out
+    assert pixels()[..., 3].max() > 0.1
 
 
 def test_a_picture_takes_the_place_of_an_old_one_and_nothing_else_appears(run: Run, folder: Path) -> None:
