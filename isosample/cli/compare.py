@@ -6,26 +6,20 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli import arguments, values
+from isosample.cli import arguments
 from isosample.cli.cameras import camera_of, orbit
+from isosample.cli.compare_arguments import QUICK_SIZE, SIZE, add_picture_options, add_sweep_options
 from isosample.cli.console import progress_bars, say, say_table, seconds
 from isosample.cli.outputs import check_driver, make_folder
 from isosample.cli.parser import add_command
 from isosample.defaults import (
-    COMPARED_METHODS,
     DATA_CENTRIC,
-    DEFAULT_PER_SLOPES,
-    DEFAULT_PIXEL_SCALES,
     DEFAULT_REPEAT,
-    DEFAULT_STEPS,
-    DEFAULT_TOLERANCES,
 )
 from isosample.errors import InputError, MissingDependencyError
-from isosample.wording import fraction_text
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
 
     from isosample.cli.parser import Commands
     from isosample.compare.contenders import ComparedScene
@@ -35,7 +29,6 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Box, Volume
 
-SIZE, QUICK_SIZE = (512, 512), (256, 256)
 QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
 SWEEPS = ("steps", "pixel_scales", "per_slopes", "tolerances")
@@ -78,99 +71,13 @@ def add_parser(commands: Commands) -> None:
             QUICK_REPEAT, *QUICK_SIZE
         ),
     )
-    _add_sweep_options(parser)
-    _add_picture_options(parser)
+    add_sweep_options(parser)
+    add_picture_options(parser)
     arguments.add_reconstruction_option(parser)
     arguments.add_details_option(parser)
     arguments.add_nan_option(parser)
     arguments.add_camera_options(parser)
     arguments.add_volume_options(parser)
-
-
-def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("what is compared", "lists have commas between, from coarse to fine")
-    group.add_argument(
-        "--methods",
-        type=values.words(COMPARED_METHODS),
-        default=COMPARED_METHODS,
-        metavar="M,M,…",
-        help=f"of {', '.join(COMPARED_METHODS)} (default: all)",
-    )
-    group.add_argument(
-        "--repeat",
-        type=values.positive_count,
-        metavar="N",
-        help=f"timed frames per setting and camera (default {DEFAULT_REPEAT})",
-    )
-    group.add_argument(
-        "--per-slopes",
-        type=values.list_of(values.count),
-        metavar="K,K,…",
-        help=f"data-centric: isovalues inside each visible slope (default {_list(DEFAULT_PER_SLOPES)})",
-    )
-    group.add_argument(
-        "--tolerances",
-        type=values.list_of(values.tolerance),
-        metavar="E,E,…",
-        help="data-centric: errors that isovalues and refinement are searched for "
-        f"(default {_list(DEFAULT_TOLERANCES)})",
-    )
-    group.add_argument(
-        "--steps",
-        type=values.list_of(values.step),
-        metavar="S,S,…",
-        help=f"ray casters: distances between samples [voxel] (default {_list(DEFAULT_STEPS)})",
-    )
-    group.add_argument(
-        "--sampling",
-        choices=("uniform", "differential"),
-        default="uniform",
-        help="ray casters: even steps (default uniform), or steps that grow with the pixel's footprint",
-    )
-    group.add_argument(
-        "--pixel-scales",
-        type=values.list_of(values.step),
-        metavar="S,S,…",
-        help="ray casters, with --sampling differential: steps over a pixel's footprint, s_k of Knoll et al. "
-        f"(default {_list(DEFAULT_PIXEL_SCALES)})",
-    )
-    group.add_argument(
-        "--adaptive", action="store_true", help="ray casters: longer steps where the data vary little"
-    )
-    group.add_argument(
-        "--peak-weight",
-        choices=("integral", "paper"),
-        default="integral",
-        help="peak finding: a peak's share of the integral (default), or the paper's weight, which the step does not "
-        "bring closer to the reference",
-    )
-    group.add_argument(
-        "--crossings",
-        choices=("exact", "secant"),
-        default="exact",
-        help="peak finding: from the cubic of every cell (default exact), or by secant steps, as in the paper",
-    )
-
-
-def _list(numbers: Sequence[float]) -> str:
-    return ",".join(fraction_text(number) for number in numbers)
-
-
-def _add_picture_options(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("picture", "the same for all methods")
-    group.add_argument(
-        "--size",
-        type=values.picture_size,
-        metavar="WxH",
-        help="width and height [pixel], 11 or more (default {}x{})".format(*SIZE),
-    )
-    group.add_argument(
-        "--cameras",
-        type=values.positive_count,
-        metavar="N",
-        help="so many views around the volume, from --azimuth on (default 1)",
-    )
-    arguments.add_look_options(group, displayed="; displayed over black")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -139,6 +139,7 @@ def _share(text: str) -> float:
 def _surface(args: argparse.Namespace) -> SurfaceSet:
     """Return the one surface, read from a cache folder or extracted from a volume."""
     from isosample.cli import sources
+    from isosample.cli.cached_scenes import cached_surface
     from isosample.surfaces.extract import extract_surfaces
 
     masked = args.nan == "masked"
@@ -152,4 +153,4 @@ def _surface(args: argparse.Namespace) -> SurfaceSet:
                 progress=lambda done, total: progress("extract", done, total),
             )
     sources.refuse_volume_options(args, args.source)
-    return sources.cached_surface(args.source, args.isovalue, nan_masked=masked)
+    return cached_surface(args.source, args.isovalue, nan_masked=masked)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import argparse
 
     from isosample.cli.parser import Commands
-    from isosample.cli.sources import PreparedScene
+    from isosample.cli.scenes import PreparedScene
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
 
@@ -102,7 +102,9 @@ def precompute(
     args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
 ) -> tuple[Path, PreparedScene]:
     """Write the scene of a volume into its cache folder; return the folder and the scene."""
-    from isosample.cli.sources import default_cache_folder, quality_of, scene_from_volume
+    from isosample.cli.cache_names import default_cache_folder
+    from isosample.cli.scenes import scene_from_volume
+    from isosample.cli.sources import quality_of
     from isosample.surfaces.cache import content_hash, write_cache
 
     quality = quality_of(args)

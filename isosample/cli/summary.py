@@ -12,7 +12,7 @@ from isosample.wording import thousands
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isosample.cli.sources import PreparedScene
+    from isosample.cli.scenes import PreparedScene
     from isosample.rendering.image import Image
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet

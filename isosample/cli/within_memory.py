@@ -5,15 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from isosample.cli.cache_names import default_cache_folder, likely_cache_folders
 from isosample.cli.console import progress_bars
 from isosample.cli.outputs import nearest_existing, probe_folder
-from isosample.cli.sources import (
-    PreparedScene,
-    default_cache_folder,
-    likely_cache_folders,
-    quality_of,
-    transfer_function_of,
-)
+from isosample.cli.scenes import PreparedScene
+from isosample.cli.sources import quality_of, transfer_function_of
 
 if TYPE_CHECKING:
     import argparse

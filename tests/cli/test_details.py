@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cli.harness import Run, write_json
-from isosample.cli import sources
-from isosample.cli.render import spread
+from isosample.cli import cached_scenes
+from isosample.cli.data_centric import spread
 from isosample.cli.values import screen_error
 from isosample.surfaces.cache import open_cache
 from isosample.surfaces.stored_surfaces import StoredSurfaces
@@ -112,11 +112,11 @@ def test_details_count_when_it_is_asked_whether_meshes_fit_the_memory(
     run("precompute smooth.npy --tf smooth.json --per-slope 2 --details 2 --cache meshes")
     surfaces = open_cache("meshes").surfaces
     finest = int(surfaces.chunk_table["bytes"].sum())
-    monkeypatch.setattr(sources, "LARGEST_IN_MEMORY", finest)
-    assert isinstance(sources.scene_from_cache(Path("meshes"), None).surfaces, StoredSurfaces)
+    monkeypatch.setattr(cached_scenes, "LARGEST_IN_MEMORY", finest)
+    assert isinstance(cached_scenes.scene_from_cache(Path("meshes"), None).surfaces, StoredSurfaces)
     whole = finest + sum(int(one.chunk_table["bytes"].sum()) for one in surfaces.details)
-    monkeypatch.setattr(sources, "LARGEST_IN_MEMORY", whole)
-    assert isinstance(sources.scene_from_cache(Path("meshes"), None).surfaces, SurfaceSet)
+    monkeypatch.setattr(cached_scenes, "LARGEST_IN_MEMORY", whole)
+    assert isinstance(cached_scenes.scene_from_cache(Path("meshes"), None).surfaces, SurfaceSet)
 
 
 def test_details_of_a_volume_and_of_a_volume_read_piece_by_piece(run: Run, smooth: Path) -> None:

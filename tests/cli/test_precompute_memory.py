@@ -90,7 +90,7 @@ def test_meshes_that_stay_in_their_folder_give_the_bits_of_those_in_memory(
     view = "--size 24x16 --azimuth 30 --elevation -20"
     assert run("precompute blob.npy --tf tf.json --memory 16GiB --cache meshes").status == 0
     assert run(f"render meshes -o memory.npy {view}").status == 0
-    monkeypatch.setattr("isosample.cli.sources.LARGEST_IN_MEMORY", 0)
+    monkeypatch.setattr("isosample.cli.cached_scenes.LARGEST_IN_MEMORY", 0)
     monkeypatch.setattr("isosample.surfaces.cache.load_cache", None)  # would load them all
     monkeypatch.setattr("isosample.surfaces.cache.load_surface_set", None)
     picture = np.load("memory.npy")

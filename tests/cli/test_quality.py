@@ -10,8 +10,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from isosample.cli import EXIT_FAILED, summary
-from isosample.cli import render as render_command
+from isosample.cli import EXIT_FAILED, data_centric, summary
 from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import UnrepairedError
 
@@ -142,7 +141,7 @@ def test_a_strict_picture_with_guesses_is_refused(run: Run, monkeypatch: pytest.
         seen.append(int(str(stats["unrepaired_pixels"])))
         check(stats | {"unrepaired_pixels": 3})
 
-    monkeypatch.setattr(render_command, "check_strict", with_guesses)
+    monkeypatch.setattr(data_centric, "check_strict", with_guesses)
     outcome = run(f"{RENDER} --strict -o out.png")
     assert (outcome.status, seen) == (EXIT_FAILED, [0])
     assert outcome.err.startswith("isosample: error: 3 pixels lack a crossing")

@@ -1,0 +1,223 @@
+"""`isosample render --method data-centric`: the meshes of a volume, or of a cache folder, by the A-buffer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from isosample.cli import arguments
+from isosample.cli.cameras import orbit
+from isosample.cli.console import note, progress_bars
+from isosample.cli.methods import choice_statistics
+from isosample.cli.outputs import check_driver, write_json
+from isosample.cli.summary import check_strict, say_if_empty, scene_fields, summarise
+from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.errors import InputError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from isosample.cli.auto import Opened
+    from isosample.cli.console import Progress
+    from isosample.cli.scenes import PreparedScene
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.image import Image
+    from isosample.rendering.pipeline import Renderer
+    from isosample.rendering.settings import RenderSettings
+    from isosample.rendering.turntable import FrameLog
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+
+VIEWS = 4  # of a film, that are looked at for a tolerance
+MESH_OPTIONS = (
+    "cache",
+    "reconstruction",
+    "tolerance",
+    "max_isovalues",
+    "details",
+)  # of a volume, not of a cache folder
+
+
+def run_data_centric(
+    args: argparse.Namespace,
+    settings: RenderSettings,
+    camera: Camera | None,
+    log: FrameLog,
+    opened: Opened | None = None,
+) -> int:
+    """Extract or load the meshes, render one picture or a film, write it, and sum up."""
+    scene = _prepare(args, opened)
+    if args.screen_error is not None and not scene.surfaces.details:
+        note(
+            f"--screen-error {args.screen_error:g} changes nothing: {args.source} has no coarser meshes; --details "
+            "makes them"
+        )
+    if args.plan:
+        from isosample.cli.plan_table import say_plan
+
+        say_plan(scene.plan)
+    if args.turntable is not None:
+        return _film(args, scene, settings, camera, log)
+    errors = None
+    with progress_bars() as progress, renderer(scene) as picture:
+        place = {"camera": camera or orbit(args, scene.surfaces.geometry.box), "size": args.size}
+        place["settings"] = _within_tolerance(args, scene, picture, [place["camera"]], settings, progress)
+        image = picture.render(**place, progress=progress)
+        if args.strict:
+            check_strict(image.stats)
+        if _wants_errors(args, scene):
+            errors = picture.error_map(**place, progress=progress)
+    percentiles = None if errors is None else errors.percentiles()
+    image.save(args.output)
+    if errors is not None and args.error_map:
+        errors.save(args.error_map)
+    if args.stats:
+        write_json(args.stats, statistics(image, scene, args, percentiles))
+    summarise(image, scene, args.output, log.elapsed, percentiles)
+    return 0
+
+
+def _film(
+    args: argparse.Namespace,
+    scene: PreparedScene,
+    settings: RenderSettings,
+    camera: Camera | None,
+    log: FrameLog,
+) -> int:
+    """Turn about the scene, with its meshes uploaded once."""
+    cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
+    with renderer(scene) as picture:
+        with progress_bars() as progress:
+            settings = _within_tolerance(args, scene, picture, spread(cameras), settings, progress)
+        run_turntable(
+            args,
+            cameras,
+            lambda one, progress: picture.render(
+                camera=one, size=args.size, settings=settings, progress=progress
+            ),
+            log,
+            more=scene_statistics(scene, args),
+            fields=scene_fields(scene, settings.screen_error),
+        )
+    say_if_empty(scene.plan, scene.transfer_function)
+    return 0
+
+
+def spread(cameras: list[Camera]) -> list[Camera]:
+    """Return `VIEWS` of the cameras at even distances, or all where there are no more."""
+    count = min(VIEWS, len(cameras))
+    return [cameras[place * len(cameras) // count] for place in range(count)]
+
+
+def _within_tolerance(
+    args: argparse.Namespace,
+    scene: PreparedScene,
+    picture: Renderer,
+    cameras: list[Camera],
+    settings: RenderSettings,
+    progress: Progress,
+) -> RenderSettings:
+    """Let meshes be as coarse as the scene's tolerance allows, where nothing is said about it."""
+    report = scene.plan.report
+    judged = report and scene.surfaces.details and scene.surfaces.settings.residuals
+    if not judged or args.screen_error is not None:
+        return settings
+    from isosample.rendering.screen_error import screen_error_within
+
+    told = partial(progress, "details")
+    allowed = screen_error_within(picture, report, cameras, args.size, settings, told)
+    return replace(settings, screen_error=allowed)
+
+
+def _wants_errors(args: argparse.Namespace, scene: PreparedScene) -> bool:
+    """Whether the picture's errors are asked for, or a tolerance has to be held against them."""
+    return args.error_map is not None or bool(scene.plan.report and scene.surfaces.settings.residuals)
+
+
+def renderer(scene: PreparedScene) -> Renderer:
+    """Upload a prepared scene."""
+    from isosample.rendering.pipeline import Renderer
+
+    return Renderer(scene.surfaces, scene.plan, seconds=scene.seconds)
+
+
+def statistics(
+    image: Image, scene: PreparedScene, args: argparse.Namespace, errors: dict[str, float] | None
+) -> dict[str, Any]:
+    """Return the picture's statistics with what it shows, JSON-ready."""
+    more = {} if errors is None else {"error_99.9_percent": errors}
+    return image.stats | more | scene_statistics(scene, args)
+
+
+def scene_statistics(scene: PreparedScene, args: argparse.Namespace) -> dict[str, Any]:
+    """Return what the statistics of all pictures of a scene say about it, JSON-ready."""
+    more = {} if scene.mesh_distance is None else {"mesh_distance": scene.mesh_distance}
+    return {
+        **more,
+        "source": str(args.source),
+        "transfer_function": scene.tf_origin,
+        "levels_reused": scene.surfaces.statistics.levels_reused,
+        **choice_statistics(args),
+    }
+
+
+def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
+    """Return the scene of the source; a missing driver is told before the long work."""
+    from isosample.cli import sources
+    from isosample.cli.cached_scenes import scene_from_cache
+
+    if opened is not None:
+        scene = _extract(args, opened.volume, opened.transfer_function)
+        return replace(scene, tf_origin=opened.tf_origin)
+    transfer_function = sources.load_transfer_function(args.tf)
+    if sources.is_cache_folder(args.source):
+        sources.refuse_volume_options(args, args.source, MESH_OPTIONS)
+        if args.refine != arguments.UNSET:
+            raise InputError(
+                f"--refine belongs to a volume file, and {args.source} is a mesh cache; its meshes are what they are. "
+                "Leave out --refine, or name the volume."
+            )
+        check_driver(args.size)
+        return scene_from_cache(
+            args.source,
+            transfer_function,
+            tf_path=args.tf,
+            per_slope=args.per_slope,
+            nan_masked=args.nan == "masked",
+        )
+    volume = sources.open_source_volume(args, args.source)
+    check_driver(args.size)
+    return _extract(args, volume, transfer_function)
+
+
+def _extract(
+    args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
+) -> PreparedScene:
+    """Plan and extract, with the cache folder where one is given; its first scene is kept in it."""
+    from isosample.cli.scenes import scene_from_volume
+    from isosample.cli.sources import quality_of
+    from isosample.surfaces.cache import content_hash, write_cache
+
+    quality = quality_of(args)
+    residuals = args.error_map is not None or args.tolerance is not None or args.cache is not None
+    with progress_bars() as progress:
+        scene = scene_from_volume(
+            args,
+            volume,
+            transfer_function,
+            quality=quality,
+            residuals=residuals,
+            cache=args.cache,
+            progress=progress,
+        )
+    if args.cache is not None and not (args.cache / "scene.json").exists():
+        write_cache(
+            args.cache,
+            scene.surfaces,
+            content_hash=content_hash(volume),
+            transfer_function=scene.transfer_function,
+            plan=scene.plan,
+            name=volume.name,
+        )
+    return scene
