@@ -7,13 +7,16 @@ ends; the pieces are then integrated as the cells of a grid are.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, InputError
 from isosample.integral.band_table import BandTable, Optics, PanelRules
+from isosample.integral.field_pieces import MAX_PIECES, resolved_pieces
+from isosample.integral.level_isolation import Isolation
+from isosample.integral.ray_pieces import bernstein
 from isosample.integral.reference import (
     DEFAULT_TOLERANCE,
     box_intervals,
@@ -32,123 +35,6 @@ if TYPE_CHECKING:
     from isosample.volume.grid import Box
 
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Bool = npt.NDArray[np.bool_]
-
-FIRST_PIECES = 64  # per ray, before any is halved
-HALVING_GAIN = 8.0  # halves err by 1/16 of the whole where the field is smooth; twice that is counted on
-MAX_HALVINGS = 40  # a piece of 2^-46 of the ray, at a kink or a jump of the field, is left as it is
-MAX_PIECES = 1 << 22  # of the rays of one block: 240 MB
-BOUND_SLACK = 1e-9  # of the ray's way: what rounding of positions may add to a field's change
-ROUNDING_ULP = 8  # a field's own rounding: agreement to so many units in the last place is agreement
-
-
-class _Pieces(NamedTuple):
-    """Pieces of rays: row of the ray, ray parameter, value and slope (data units per world unit) at both ends."""
-
-    ray: I64
-    ends: F64  # (P, 2)
-    values: F64  # (P, 2)
-    slopes: F64  # (P, 2)
-
-    def rows(self, chosen: Bool | I64) -> _Pieces:
-        return _Pieces(self.ray[chosen], self.ends[chosen], self.values[chosen], self.slopes[chosen])
-
-    @classmethod
-    def joined(cls, parts: list[_Pieces]) -> _Pieces:
-        return cls(
-            np.concatenate([part.ray for part in parts]),
-            np.concatenate([part.ends for part in parts]),
-            np.concatenate([part.values for part in parts]),
-            np.concatenate([part.slopes for part in parts]),
-        )
-
-
-class _Isolation(NamedTuple):
-    """What must not hide in a piece: the levels of the transfer function with all that is visible there.
-
-    Attributes
-    ----------
-    bound : float
-        Of the field's slope [data units / world].
-    levels : (K,) float64
-        Ascending, less the base.
-    extinction : (K + 1, 2) float64
-        By band, at its lower and its upper end [1/world].
-    peak : (K + 1, K + 1) float64
-        ``peak[i, j]`` is the largest extinction on either side of the levels i to j − 1; 0 for none.
-    surfaces, steps : (K + 1,) int64
-        Number of isosurfaces and of steps of the extinction or colour among the levels below the i-th.
-    tolerance, agreement : float
-        What a hidden optical depth [1] and a hidden excursion [data units] may amount to.
-    """
-
-    bound: float
-    levels: F64
-    extinction: F64
-    peak: F64
-    surfaces: I64
-    steps: I64
-    tolerance: float
-    agreement: float
-
-    @classmethod
-    def build(cls, bound: float, bands: BandTable, tolerance: float, agreement: float) -> _Isolation:
-        beside = np.maximum(bands.extinction[:-1, 1], bands.extinction[1:, 0])
-        count = len(beside)
-        peak = np.zeros((count + 1, count + 1))
-        for first in range(count):
-            peak[first, first + 1 :] = np.maximum.accumulate(beside[first:])
-        jumps = (bands.extinction[:-1, 1] != bands.extinction[1:, 0]) | (
-            (bands.color[:-1, 1] != bands.color[1:, 0]).any(axis=1) & (beside > 0.0)
-        )
-        surfaces, steps = (np.append(0, np.cumsum(which)) for which in (bands.level_visible, jumps))
-        levels = bands.edges[1:-1]
-        return cls(bound, levels, bands.extinction, peak, surfaces, steps, tolerance, agreement)
-
-    def mirrored(self) -> _Isolation:
-        """The same for the field times −1, but for the steps, which `_above` does not ask for."""
-        return self._replace(
-            levels=-self.levels[::-1],
-            extinction=self.extinction[::-1, ::-1],
-            peak=self.peak[::-1, ::-1].T,
-            surfaces=self.surfaces[-1] - self.surfaces[::-1],
-        )
-
-    def hides(self, pieces: _Pieces, floor: F64) -> Bool:
-        """(P,) bool, whether a piece may reach something visible that lies beyond both of its ends.
-
-        Also whether it may cross an isosurface or a step, between its ends, more often than it must.
-        """
-        low, high = np.minimum(*pieces.values.T), np.maximum(*pieces.values.T)
-        length = pieces.ends[:, 1] - pieces.ends[:, 0]
-        over = np.maximum(0.5 * (self.bound * length - (high - low)), 0.0)
-        least = np.maximum(self.agreement, floor)
-        flat = low == high
-        hidden = self._above(high, over, length, flat, over > least)
-        hidden |= self.mirrored()._above(-low, over, length, flat, over > least)
-        first = np.searchsorted(self.levels, low, side="right")
-        final = np.maximum(np.searchsorted(self.levels, high, side="left"), first)
-        many = self.surfaces[final] > self.surfaces[first]
-        many |= (length * self.peak[0, -1] > self.tolerance) & (self.steps[final] > self.steps[first])
-        hidden |= many & (over > least)
-        return hidden
-
-    def _above(self, top: F64, over: F64, length: F64, flat: Bool, surfaces_hide: Bool) -> Bool:
-        """Whether the levels from `top` to `top + over` weigh too much; a flat piece has reached its own."""
-        first = np.searchsorted(self.levels, top, side="left")
-        first[flat] = np.searchsorted(self.levels, top[flat], side="right")
-        final = np.searchsorted(self.levels, top + over, side="right")
-        hidden = final > first
-        (some,) = np.nonzero(hidden)
-        first, final, reach = first[some], final[some], top[some] + over[some]
-        edges = np.append(self.levels, np.inf)
-        at_low, at_high = self.extinction[final].T  # of the band of the highest value; final >= 1
-        share = (reach - edges[final - 1]) / (edges[final] - edges[final - 1])
-        extinction = np.maximum(self.peak[first, final], at_low + share * (at_high - at_low))
-        surface = surfaces_hide[some] & (self.surfaces[final] > self.surfaces[first])
-        hidden[some] = surface | (length[some] * extinction > self.tolerance)
-        return hidden
 
 
 def integrate_field_rays(
@@ -225,20 +111,20 @@ def integrate_field_rays(
     optics = Optics(bands, PanelRules.for_tolerance(tolerance), 1)
     agreement = tolerance / _sensitivity(bands, reach)
     bound = _checked_bound(field)
-    isolation = None if bound is None else _Isolation.build(bound, bands, tolerance, agreement)
+    isolation = None if bound is None else Isolation.build(bound, bands, tolerance, agreement)
     rgba = np.zeros((len(starts), 4))
 
     def work(rows: slice) -> None:
         from isosample.integral.ray_cells import integrate_piece_block
 
         line = (starts[rows], ways[rows])
-        pieces = _resolved_pieces(field, base, line, intervals[rows], agreement, isolation)
+        pieces = resolved_pieces(field, base, line, intervals[rows], agreement, isolation)
         if pieces is None:
             _work_on_halves(work, rows, field)
             return
         first = np.searchsorted(pieces.ray, np.arange(len(line[0]) + 1))
         lengths = np.ascontiguousarray(pieces.ends[:, 1] - pieces.ends[:, 0])
-        integrate_piece_block((first, _bernstein(pieces), lengths), optics, rgba[rows])
+        integrate_piece_block((first, bernstein(pieces), lengths), optics, rgba[rows])
 
     run_in_blocks(work, len(starts), progress)
     return rgba
@@ -289,113 +175,3 @@ def _sensitivity(bands: BandTable, reach: float) -> float:
     by_depth = np.abs(np.diff(bands.extinction[inner], axis=1)[:, 0]) / width
     by_color = np.abs(np.diff(bands.color[inner], axis=1)[:, 0]).max(axis=1, initial=0.0) / width
     return max(1.0, float(((reach * by_depth + by_color) * shown).max(initial=0.0)))
-
-
-def _resolved_pieces(
-    field: Field,
-    base: float,
-    line: tuple[F64, F64],
-    intervals: F64,
-    agreement: float,
-    isolation: _Isolation | None,
-) -> _Pieces | None:
-    """Pieces whose cubics agree with the field and hide nothing, in order along every ray; None if too many."""
-    todo = _first_pieces(field, base, line, intervals)
-    if isolation is not None and todo.ray.size:
-        _check_slopes(todo, base, isolation.bound, field)
-    done: list[_Pieces] = []
-    count = 0
-    for halving in range(MAX_HALVINGS + 1):
-        middle = 0.5 * (todo.ends[:, 0] + todo.ends[:, 1])
-        value, slope = _sample(field, base, line, todo.ray, middle)
-        floor = ROUNDING_ULP * np.spacing(np.abs(base) + np.maximum(*np.abs(todo.values).T))
-        enough = np.maximum(HALVING_GAIN * agreement, floor)
-        good = np.tile(_disagreement(todo, value, slope) <= enough, 2)
-        todo = _halves(todo, middle, value, slope)
-        if isolation is not None:
-            good &= ~isolation.hides(todo, np.tile(floor, 2))
-        good |= halving == MAX_HALVINGS
-        done.append(todo.rows(good))
-        count += len(good)
-        if count > MAX_PIECES:
-            return None
-        todo = todo.rows(~good)
-        if not todo.ray.size:
-            break
-    every = _Pieces.joined(done)
-    return every.rows(np.lexsort((every.ends[:, 0], every.ray)))
-
-
-def _disagreement(pieces: _Pieces, value: F64, slope: F64) -> F64:
-    """Difference of cubic and field at the middle: of the values, plus 1/8 of the slopes' times the length."""
-    length = pieces.ends[:, 1] - pieces.ends[:, 0]
-    (front, back), (enter, leave) = pieces.values.T, pieces.slopes.T
-    bend = enter - leave
-    value_error = np.abs(value - 0.5 * (front + back) - 0.125 * length * bend)
-    slope_error = np.abs(length * (slope + 0.25 * (enter + leave)) - 1.5 * (back - front))
-    disagreement: F64 = value_error + 0.125 * slope_error
-    return disagreement
-
-
-def _first_pieces(field: Field, base: float, line: tuple[F64, F64], intervals: F64) -> _Pieces:
-    """Equal pieces of every ray that meets the box."""
-    rays = np.flatnonzero(intervals[:, 0] < intervals[:, 1])
-    share = np.linspace(0.0, 1.0, FIRST_PIECES + 1)
-    knots = intervals[rays, :1] * (1.0 - share) + intervals[rays, 1:] * share
-    value, slope = _sample(field, base, line, np.repeat(rays, FIRST_PIECES + 1), knots.ravel())
-
-    def pairs(column: F64) -> F64:
-        table = column.reshape(-1, FIRST_PIECES + 1)
-        return np.stack([table[:, :-1].ravel(), table[:, 1:].ravel()], axis=1)
-
-    return _Pieces(np.repeat(rays, FIRST_PIECES), pairs(knots), pairs(value), pairs(slope))
-
-
-def _check_slopes(pieces: _Pieces, base: float, bound: float, field: Field) -> None:
-    """Raise where the field itself contradicts the bound of its slope."""
-    way = float(np.abs(pieces.ends).max())
-    allowed = bound * (pieces.ends[:, 1] - pieces.ends[:, 0] + BOUND_SLACK * way)
-    allowed += ROUNDING_ULP * np.spacing(abs(base) + np.abs(pieces.values).max())
-    wrong = np.flatnonzero(np.abs(pieces.values[:, 1] - pieces.values[:, 0]) > allowed)
-    if wrong.size:
-        raise InputError(
-            f"{type(field).__name__} bounds its slope by {bound:g}, yet changes by "
-            f"{np.ptp(pieces.values[wrong[0]]):g} over {np.ptp(pieces.ends[wrong[0]]):g} world units. "
-            "Correct lipschitz(), or let it return None."
-        )
-
-
-def _halves(pieces: _Pieces, middle: F64, value: F64, slope: F64) -> _Pieces:
-    """First halves of all pieces, then second halves."""
-
-    def split(column: F64, at_middle: F64) -> F64:
-        front = np.stack([column[:, 0], at_middle], axis=1)
-        return np.concatenate([front, np.stack([at_middle, column[:, 1]], axis=1)])
-
-    return _Pieces(
-        np.tile(pieces.ray, 2),
-        split(pieces.ends, middle),
-        split(pieces.values, value),
-        split(pieces.slopes, slope),
-    )
-
-
-def _sample(field: Field, base: float, line: tuple[F64, F64], ray: I64, t: F64) -> tuple[F64, F64]:
-    """Value less the base and slope along the ray, each (P,)."""
-    points = line[0][ray] + t[:, None] * line[1][ray]
-    value = field.value(points) - base
-    slope: F64 = np.einsum("pi,pi->p", field.gradient(points), line[1][ray])
-    wrong = np.flatnonzero(~(np.isfinite(value) & np.isfinite(slope)))
-    if wrong.size:
-        raise InputError(
-            f"{type(field).__name__} has value {value[wrong[0]] + base} and slope {slope[wrong[0]]} at "
-            f"{points[wrong[0]].tolist()}; expected finite numbers. Choose a box in which the field is finite."
-        )
-    return value, slope
-
-
-def _bernstein(pieces: _Pieces) -> F64:
-    """(P, 4) float64, Bernstein coefficients of the Hermite cubics."""
-    third = (pieces.ends[:, 1:] - pieces.ends[:, :1]) / 3.0 * pieces.slopes
-    (front, back), (rise, fall) = pieces.values.T, third.T
-    return np.ascontiguousarray(np.stack([front, front + rise, back - fall, back], axis=1))

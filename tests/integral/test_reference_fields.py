@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from isosample.errors import CapacityError, InputError
-from isosample.integral import field_reference
+from isosample.integral import field_pieces, field_reference
 from isosample.integral.band_table import BandTable
 from isosample.integral.field_reference import integrate_field_rays
+from isosample.integral.level_isolation import Isolation
+from isosample.integral.ray_pieces import Pieces
 from isosample.integral.reference import integrate_rays
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.transfer_function import TransferFunction
@@ -230,13 +232,13 @@ def test_what_hides_is_what_the_transfer_function_shows_within_reach() -> None:
         [Isosurface(0.7, WHITE, 0.2), Isosurface(1.5, WHITE, 0.2)],
     )
     bands = BandTable.from_transfer_function(tf)
-    isolation = field_reference._Isolation.build(1.0, bands, 0.5, 0.01)
+    isolation = Isolation.build(1.0, bands, 0.5, 0.01)
     rng, count = np.random.default_rng(3), 3000
     values = rng.uniform(-2, 2, (count, 1)) + rng.normal(size=(count, 2)) * 0.05
     length = np.abs(np.diff(values, axis=1))[:, 0] + rng.uniform(0, 0.5, count)
     over = 0.5 * (length - np.abs(np.diff(values, axis=1))[:, 0])
     ends = np.stack([np.zeros(count), length], axis=1)
-    pieces = field_reference._Pieces(np.zeros(count, dtype=np.int64), ends, values, values)
+    pieces = Pieces(np.zeros(count, dtype=np.int64), ends, values, values)
     hidden = isolation.hides(pieces, np.zeros(count))
     expected = [hidden_one_by_one(tf, values[i], over[i], length[i]) for i in range(count)]
     np.testing.assert_array_equal(hidden, expected)
@@ -257,7 +259,7 @@ def test_many_rays_are_worked_on_in_parts_where_they_need_many_pieces(
     origins = np.stack([np.linspace(-1e-3, 1e-3, 9), np.zeros(9), np.full(9, -9.0)], axis=1)
     ways = np.tile([0.0, 0.0, 1.0], (9, 1))
     whole = integrate_field_rays(field, NARROW, BOX, origins, ways, tolerance=1e-6)
-    monkeypatch.setattr(field_reference, "MAX_PIECES", 1 << 14)
+    monkeypatch.setattr(field_pieces, "MAX_PIECES", 1 << 14)
     parts: list[slice] = []
 
     def counted(work: Callable[[slice], None], rows: slice, of: Field) -> None:
@@ -341,7 +343,7 @@ def test_a_ray_that_stays_beside_an_isosurface_is_refused_and_one_upon_it_is_not
 ) -> None:
     """1e-9 from the isovalue over a length of 5, bound 1: 5 / 2e-9 pieces would be needed."""
     ramp = LinearRamp((1.0, 0.0, 0.0), 0.5)
-    monkeypatch.setattr(field_reference, "MAX_PIECES", 1 << 14)  # as many would be refused, in less time
+    monkeypatch.setattr(field_pieces, "MAX_PIECES", 1 << 14)  # as many would be refused, in less time
     beside, upon = (TransferFunction([], [Isosurface(value, WHITE, 0.5)]) for value in (0.5 + 1e-9, 0.5))
     with pytest.raises(CapacityError, match=r"ray 0 runs so close to a visible value of LinearRamp"):
         narrow_ray_through(ramp, beside, tolerance=1e-10)
