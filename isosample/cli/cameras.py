@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import argparse
 
     from isosample.rendering.camera import Camera
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
 

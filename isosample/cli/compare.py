@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from isosample.compare.sweep import Sweep
     from isosample.rendering.camera import Camera
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Box, Volume
+    from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
 
 QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from isosample.rendering.pipeline import Renderer
     from isosample.surfaces.cache import CachedScene
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Box, Volume
+    from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
 
 CUT_TURN = 55.0  # degrees between the view and the cut, which is upright
 SAMPLES = 96  # along each edge of the built-in volumes

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
     from isosample.rendering.turntable import FrameLog
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
     Draw = Callable[[Camera, Progress], Image]
 

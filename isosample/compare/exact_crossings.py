@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from isosample.integral.segment_rule import SegmentRule
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.field import Field
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -19,7 +19,8 @@ from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.analytic import nucleon_like, sample_field
-from isosample.volume.grid import Box, Volume
+from isosample.volume.geometry import Box
+from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
     from isosample.rendering.frame_statistics import FrameStatistics

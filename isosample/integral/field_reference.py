@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from isosample.integral.reference import Plane, Progress
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.field import Field
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
 F64 = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from isosample.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
 F64 = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from isosample.surfaces.mesh import BrickMesh
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

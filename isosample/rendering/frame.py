@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.tiles import Tile
-    from isosample.volume.grid import Box, GridGeometry
+    from isosample.volume.geometry import Box, GridGeometry
 
 LAYOUTS = "lib/layouts.glsl"
 FARTHEST_EYE = 1e4  # radii of the box: distances are then rounded to 1e4 · 2^-24 radii, a fraction of a cell

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Box, Volume
+    from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
     from isosample.volume.reconstruction import Reconstruction
 
 F64 = npt.NDArray[np.float64]

@@ -11,7 +11,7 @@ from isosample.rendering.raycast_settings import Sampling
 if TYPE_CHECKING:
     from isosample.rendering.camera import Rays
     from isosample.rendering.raycast_settings import RaycastSettings
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 
 def first_step(settings: RaycastSettings, geometry: GridGeometry, rays: Rays, size: tuple[int, int]) -> float:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.mask_faces import MaskFaces
     from isosample.transfer.isovalue_plan import IsovaluePlan
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

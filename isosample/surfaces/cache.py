@@ -42,7 +42,7 @@ from isosample.tally import EXTRACTIONS, tally
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import BRICK_CELLS, bricks_of
-from isosample.volume.grid import GridGeometry
+from isosample.volume.geometry import GridGeometry
 from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import scan_volume
 

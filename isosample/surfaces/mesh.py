@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from isosample.surfaces.mesh_error import MeshError
-    from isosample.volume.grid import F64, GridGeometry
+    from isosample.volume.geometry import GridGeometry
+    from isosample.volume.grid import F64
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]

@@ -12,7 +12,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.surfaces.mesh import Mesh
 
 if TYPE_CHECKING:
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 F64 = npt.NDArray[np.float64]
 

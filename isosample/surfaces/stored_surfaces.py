@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from isosample.surfaces.mesh_error import MeshError
     from isosample.surfaces.settings import ExtractionSettings
     from isosample.surfaces.surface_set import ExtractionStatistics
-    from isosample.volume.grid import F64, GridGeometry
+    from isosample.volume.geometry import GridGeometry
+    from isosample.volume.grid import F64
 
 AHEAD_BYTES = 64 << 20  # of pieces that are loaded before they are asked for
 

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from isosample.surfaces.boundary import BoundarySlices
     from isosample.surfaces.mesh import BrickMesh
     from isosample.surfaces.settings import ExtractionSettings
-    from isosample.volume.grid import F64, GridGeometry
+    from isosample.volume.geometry import GridGeometry
+    from isosample.volume.grid import F64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,7 @@ from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.analytic import GaussianShell, MarschnerLobb, nucleon_like
-from isosample.volume.grid import Box
+from isosample.volume.geometry import Box
 
 if TYPE_CHECKING:
     from isosample.transfer.isovalue_plan import IsovaluePlan

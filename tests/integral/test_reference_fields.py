@@ -25,10 +25,12 @@ from isosample.volume.analytic import (
     SphereDistance,
     sample_field,
 )
-from isosample.volume.grid import F64, Box
+from isosample.volume.geometry import Box
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from isosample.volume.grid import F64
 
 WHITE = (1.0, 1.0, 1.0)
 BOX = Box(corner=np.array([-2.0, -3.0, -2.5]), edges=np.diag([4.0, 6.0, 5.0]))

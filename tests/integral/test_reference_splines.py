@@ -22,7 +22,7 @@ from isosample.volume.grid import F64, Volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction, spline_kernel
 
 if TYPE_CHECKING:
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 U = 2.0**-53
 SMOOTH = [kind for kind in Reconstruction if kind.smooth]

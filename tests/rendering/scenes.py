@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from isosample.rendering.camera import Camera
     from isosample.rendering.frame_statistics import FrameStatistics
-    from isosample.volume.grid import Box, Volume
+    from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
 
 F64 = npt.NDArray[np.float64]
 F32 = npt.NDArray[np.float32]

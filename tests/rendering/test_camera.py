@@ -10,7 +10,7 @@ import pytest
 
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera, Projection, UpAxis
-from isosample.volume.grid import Box
+from isosample.volume.geometry import Box
 
 if TYPE_CHECKING:
     from pathlib import Path

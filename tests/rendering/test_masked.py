@@ -16,7 +16,8 @@ from isosample.surfaces.cache import content_hash, load_cache, write_cache
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mask_faces import MaskFaces, valid_cells
 from isosample.transfer.isovalues import plan_isovalues
-from isosample.volume.grid import Box, Volume
+from isosample.volume.geometry import Box
+from isosample.volume.grid import Volume
 from rendering.scenes import F64, LARGE, box_interval, linear_slab, ramp_tf
 from rendering.test_closed_forms import KINDS, QUADRATURE, SIZE, camera_of, gamma, ramp_volume
 

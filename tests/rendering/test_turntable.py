@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from isosample.rendering.image import Image
-    from isosample.volume.grid import Box
+    from isosample.volume.geometry import Box
 
 SIZE = (40, 32)
 MADE = (

@@ -9,7 +9,8 @@ from mesh_checks import closed_noise
 from isosample.errors import InputError
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import weld
-from isosample.volume.grid import GridGeometry, Volume
+from isosample.volume.geometry import GridGeometry
+from isosample.volume.grid import Volume
 
 
 def test_a_welded_mesh_has_every_named_vertex_once_and_every_triangle() -> None:

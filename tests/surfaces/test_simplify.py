@@ -16,7 +16,7 @@ from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
     from isosample.surfaces.mesh import Mesh
-    from isosample.volume.grid import GridGeometry
+    from isosample.volume.geometry import GridGeometry
 
 RADIUS = 7.3
 SPACING = (0.5, 0.5, 1.5)

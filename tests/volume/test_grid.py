@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isosample.errors import InputError
-from isosample.volume.grid import GridGeometry, Volume
+from isosample.volume.geometry import GridGeometry
+from isosample.volume.grid import Volume
 
 ROTATION_Z = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # x index runs along +y
 MIRROR_Y = np.diag([1.0, -1.0, 1.0])
