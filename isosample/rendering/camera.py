@@ -190,6 +190,11 @@ class Camera:
         fov = 2.0 * math.degrees(math.atan(math.tan(half_fov) / zoom))
         return cls(projection=projection, fov_y_degrees=fov, **common)
 
+    @classmethod
+    def default(cls, box: Box, size: tuple[int, int]) -> Camera:
+        """Camera of a picture of (width, height) pixels for which none is given: `orbit` from the front."""
+        return cls.orbit(box, aspect=size[0] / size[1])
+
     def rays(self, aspect: float) -> Rays:
         """Rays of this camera for a picture of width / height = `aspect`."""
         eye = np.asarray(self.eye)

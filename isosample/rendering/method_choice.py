@@ -143,7 +143,7 @@ def choose_method(
     if unknown or not among:
         raise InputError(f"methods {list(among)} must be some of {', '.join(CHOSEN_FROM)}.")
     check_volume(volume, ExtractionSettings(nan_masked=True, reconstruction=quality.reconstruction))
-    cameras = cameras or [Camera.orbit(volume.box, aspect=size[0] / size[1])]
+    cameras = cameras or [Camera.default(volume.box, size)]
     plan = plan_for(volume, transfer_function, quality)
     needs = None if quality.tolerance is None else tolerance_needs(quality.tolerance)
     step = raycast.step if needs is None else needs["step"]

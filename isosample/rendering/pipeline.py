@@ -214,7 +214,7 @@ class Renderer:
     ) -> Image:
         """Render one picture; parameters and errors as `render_surfaces`."""
         width, height = check_size(size)
-        camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
+        camera = camera or Camera.default(self._surfaces.geometry.box, (width, height))
         rgba, frame = self._abuffer.render(
             camera, (width, height), settings or RenderSettings(), of_stage(progress, "render")
         )
@@ -236,7 +236,7 @@ class Renderer:
         from isosample.rendering.error_map import error_map
 
         width, height = check_size(size)
-        camera = camera or Camera.orbit(self._surfaces.geometry.box, aspect=width / height)
+        camera = camera or Camera.default(self._surfaces.geometry.box, (width, height))
         timer, before = self._abuffer.timer, dict(self._abuffer.timer.seconds)
         found = error_map(
             self._abuffer,

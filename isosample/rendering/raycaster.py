@@ -199,7 +199,7 @@ class RayCaster:
         """Render one picture; parameters and errors as `raycast`."""
         width, height = check_size(size)
         settings = settings or RenderSettings()
-        camera = camera or Camera.orbit(self._geometry.box, aspect=width / height)
+        camera = camera or Camera.default(self._geometry.box, (width, height))
         self._target.resize(width, height)
         frame = camera_block(self._geometry, camera, (width, height), settings)
         block = self._raycast_block(camera, (width, height))

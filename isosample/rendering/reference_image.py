@@ -125,7 +125,7 @@ class ReferenceRenderer:
         width, height = check_size(size)
         settings = settings or RenderSettings()
         check_unlit(settings)
-        camera = camera or Camera.orbit(self._box, aspect=width / height)
+        camera = camera or Camera.default(self._box, (width, height))
         started = time.perf_counter()
         origins, directions = camera.rays(width / height).origins_and_directions(width, height)
         rgba, counts = self._tracer.integrate(
