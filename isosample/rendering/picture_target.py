@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import drawing_into, limits
+from isosample.rendering.float_target import FloatTarget
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.stage import work_groups
 
@@ -30,79 +31,64 @@ class PictureTarget:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._texture: moderngl.Texture | None = None
-        self._framebuffer: moderngl.Framebuffer | None = None
+        self._pixels = FloatTarget(ctx, 4)
 
-    def resize(self, width: int, height: int) -> bool:
-        """Make room for a picture of that size; tell whether the target was made anew.
+    def resize(self, width: int, height: int) -> None:
+        """Make room for a picture of that size.
 
         Raises
         ------
         CapacityError
             If the driver's framebuffers are smaller.
         """
-        if self._framebuffer is not None and self._framebuffer.size == (width, height):
-            return False
-        check_picture_fits(self._ctx, (width, height))
-        self.release()
-        self._texture = self._ctx.texture((width, height), 4, dtype="f4")
-        self._framebuffer = self._ctx.framebuffer([self._texture])
-        return True
+        if self._pixels.size != (width, height):
+            check_picture_fits(self._ctx, (width, height))
+            self._pixels.resize((width, height))
 
     def clear(self, color: npt.ArrayLike) -> None:
         """Give every pixel one colour, (4,)."""
-        assert self._framebuffer is not None
-        self._framebuffer.scissor = (0, 0, *self._framebuffer.size)
+        framebuffer = self._pixels.framebuffer
+        framebuffer.scissor = (0, 0, *framebuffer.size)
         red, green, blue, alpha = np.asarray(color, dtype=np.float64).tolist()
-        self._framebuffer.clear(red, green, blue, alpha)
+        framebuffer.clear(red, green, blue, alpha)
 
     def fill(self, tile: Tile, program: Program) -> None:
         """Run a program once for every pixel of a tile."""
-        assert self._texture is not None
-        assert self._framebuffer is not None
         if isinstance(program, moderngl.ComputeShader):
-            self._texture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
+            self._pixels.texture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
             program.run(*work_groups(tile))
             return
         screen = self._ctx.vertex_array(program, [])
-        self._framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
-        with drawing_into(self._ctx, self._framebuffer):
+        framebuffer = self._pixels.framebuffer
+        framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
+        with drawing_into(self._ctx, framebuffer):
             screen.render(vertices=3)
         screen.release()
 
     def fill_blocks(self, tile: Tile, program: moderngl.Program, block: int) -> None:
         """Run a program of points, one for every block of a tile: `block` squared pixels, or none where all is done."""
-        assert self._framebuffer is not None
-        width, height = (-(-edge // block) * block for edge in self._framebuffer.size)
-        whole = self._framebuffer.viewport
-        self._framebuffer.viewport = (
-            0,
-            0,
-            width,
-            height,
-        )  # else the points of the last row and column are cut
-        self._framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
+        framebuffer = self._pixels.framebuffer
+        width, height = (-(-edge // block) * block for edge in framebuffer.size)
+        whole = framebuffer.viewport
+        framebuffer.viewport = (0, 0, width, height)  # else the points of the last row and column are cut
+        framebuffer.scissor = (tile.x, tile.y, tile.width, tile.height)
         points = self._ctx.vertex_array(program, [])
-        with drawing_into(self._ctx, self._framebuffer):
+        with drawing_into(self._ctx, framebuffer):
             self._ctx.enable(self._ctx.PROGRAM_POINT_SIZE)
             points.render(self._ctx.POINTS, vertices=tile.blocks(block))
         points.release()
-        self._framebuffer.viewport = whole
+        framebuffer.viewport = whole
 
     def read(self) -> F32:
         """(H, W, 4) float32, row 0 on top."""
-        assert self._framebuffer is not None
-        width, height = self._framebuffer.size
-        pixels = np.frombuffer(self._framebuffer.read(components=4, dtype="f4"), dtype=np.float32)
+        framebuffer = self._pixels.framebuffer
+        width, height = framebuffer.size
+        pixels = np.frombuffer(framebuffer.read(components=4, dtype="f4"), dtype=np.float32)
         return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
 
     def release(self) -> None:
         """Free the texture."""
-        if self._framebuffer is not None:
-            self._framebuffer.release()
-        if self._texture is not None:
-            self._texture.release()
-        self._framebuffer = self._texture = None
+        self._pixels.release()
 
 
 def check_picture_fits(ctx: moderngl.Context, size: tuple[int, int]) -> None:

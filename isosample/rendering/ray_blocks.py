@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import moderngl
 
 from isosample.gl.context import drawing_into
+from isosample.rendering.float_target import FloatTarget
 from isosample.rendering.frame import shared_constants
 
 if TYPE_CHECKING:
@@ -25,40 +26,25 @@ class RayBlocks:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._texture: moderngl.Texture | None = None
-        self._framebuffer: moderngl.Framebuffer | None = None
+        self._spans = FloatTarget(ctx, 2)
 
     def find(self, size: tuple[int, int], programs: Programs) -> None:
         """Find the spans of a picture of (width, height) pixels, and bind them; the caller has bound all else."""
         edge = shared_constants()["RAY_BLOCK"]
-        self._resize((-(-size[0] // edge), -(-size[1] // edge)))
-        assert self._framebuffer is not None
+        self._spans.resize((-(-size[0] // edge), -(-size[1] // edge)))
         screen = self._ctx.vertex_array(programs.graphics("screen.vert", "raycast_blocks.frag"), [])
-        with drawing_into(self._ctx, self._framebuffer):
+        with drawing_into(self._ctx, self._spans.framebuffer):
             screen.render(vertices=3)
         screen.release()
-        assert self._texture is not None
-        self._texture.use(shared_constants()["UNIT_SPANS"])
+        self._spans.texture.use(shared_constants()["UNIT_SPANS"])
 
     def fill(self, target: PictureTarget, tile: Tile, program: Program) -> None:
         """Run a program for the pixels of a tile; a fragment shader only for those of blocks that have a span."""
-        if self._texture is not None and isinstance(program, moderngl.Program):
+        if self._spans.size is not None and isinstance(program, moderngl.Program):
             target.fill_blocks(tile, program, shared_constants()["RAY_BLOCK"])
         else:
             target.fill(tile, program)
 
     def release(self) -> None:
         """Free the texture."""
-        if self._framebuffer is not None:
-            self._framebuffer.release()
-        if self._texture is not None:
-            self._texture.release()
-        self._framebuffer = self._texture = None
-
-    def _resize(self, blocks: tuple[int, int]) -> None:
-        if self._texture is not None and self._texture.size == blocks:
-            return
-        self.release()
-        self._texture = self._ctx.texture(blocks, 2, dtype="f4")
-        self._texture.filter = (self._ctx.NEAREST, self._ctx.NEAREST)
-        self._framebuffer = self._ctx.framebuffer([self._texture])
+        self._spans.release()
