@@ -86,7 +86,7 @@ def detail_rows(scene: RaycastScene, surfaces: SurfaceSet, *, peer: bool) -> lis
     """One row per detail, and one of MeshLab's collapse to about as many triangles as detail 2."""
     whole = sum(surfaces.statistics.triangles)
     rows: list[tuple[object, ...]] = []
-    for one in (surfaces, *surfaces.details):
+    for one in surfaces.by_detail:
         detail = one.settings.detail
         name = f"detail {detail}, {detail_tolerance(detail):g} voxel" if detail else "as extracted"
         seconds = processor_seconds(scene.volume, surfaces, detail)
@@ -203,7 +203,7 @@ def report(*, quick: bool) -> str:
     frames: list[tuple[object, ...]] = []
     for number, (scene, per_slope) in enumerate(scene_list(quick=quick)):
         found = prepared(scene, per_slope)
-        finest = [sum(one.statistics.triangles) for one in (found.surfaces, *found.surfaces.details)]
+        finest = [sum(one.statistics.triangles) for one in found.surfaces.by_detail]
         print(f"{scene.name}: {finest}", flush=True)
         details += detail_rows(scene, found.surfaces, peer=number == 0)
         frames += frame_rows(scene, found, size, repetitions)

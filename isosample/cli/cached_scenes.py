@@ -114,7 +114,7 @@ def _surfaces_of(
 
 def _are_many(surfaces: StoredSurfaces) -> bool:
     """Tell whether meshes, with their coarser details, take too much memory."""
-    tables = [one.chunk_table for one in (surfaces, *surfaces.details)]
+    tables = [one.chunk_table for one in surfaces.by_detail]
     return sum(int(table["bytes"].sum()) for table in tables) > LARGEST_IN_MEMORY
 
 

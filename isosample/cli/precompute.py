@@ -162,7 +162,7 @@ def keep_to_budget(folder: Path, budget: int) -> dict[str, str]:
     from isosample.surfaces.store import MeshStore
 
     surfaces = open_cache(folder).surfaces
-    tables = (one.chunk_table for one in (surfaces, *surfaces.details))
+    tables = (one.chunk_table for one in surfaces.by_detail)
     own = {key.decode() for table in tables for key in table["key"].tolist()}
     left = MeshStore(folder).prune(budget, keep=own).bytes_left
     if left > budget:

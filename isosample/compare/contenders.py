@@ -174,9 +174,7 @@ class SurfaceContender:
         )
         self.precompute_seconds = time.perf_counter() - start
         surfaces = self._prepared.surfaces
-        self.bytes = TRIANGLE_BYTES * sum(
-            sum(one.statistics.triangles) for one in (surfaces, *surfaces.details)
-        )
+        self.bytes = TRIANGLE_BYTES * sum(sum(one.statistics.triangles) for one in surfaces.by_detail)
 
     def load(self, cameras: Sequence[Camera]) -> float:
         """Merge the meshes and upload the scene; with details and a tolerance, look how coarse they may be.

@@ -136,7 +136,7 @@ class StoredSource:
     """
 
     def __init__(self, surfaces: StoredSurfaces, scale: ValueScale) -> None:
-        self._surfaces = (surfaces, *surfaces.details)
+        self._surfaces = surfaces.by_detail
         self._scale = scale
 
     def load(self, chunks: Records) -> Iterator[Piece]:
@@ -179,7 +179,7 @@ def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) 
         If there are more vertices than 32-bit indices can name.
     """
     by_isovalue: dict[float, list[tuple[int, BrickMesh]]] = {}
-    for detail, part in enumerate((surfaces, *surfaces.details)):
+    for detail, part in enumerate(surfaces.by_detail):
         for mesh in (mesh for mesh in part.meshes if len(mesh.triangles)):
             by_isovalue.setdefault(mesh.isovalue, []).append((detail, mesh))
     chosen = [by_isovalue.get(float(surfaces.isovalues[row]), []) for row in rows]
@@ -214,7 +214,7 @@ def merged(surfaces: SurfaceSet, rows: npt.NDArray[np.intp], scale: ValueScale) 
 
 def streamed(surfaces: StoredSurfaces, rows: npt.NDArray[np.intp]) -> SceneArrays:
     """Levels of stored surfaces, without arrays; parameters as `merged`."""
-    parts = [_stored_pieces(part, rows, detail) for detail, part in enumerate((surfaces, *surfaces.details))]
+    parts = [_stored_pieces(part, rows, detail) for detail, part in enumerate(surfaces.by_detail)]
     chunks = np.concatenate(parts)
     chunks = chunks[np.argsort(chunks["level"], kind="stable")]  # by level, then by detail and brick
     _place(chunks, chunks["vertex_count"].copy(), chunks["index_count"].copy())

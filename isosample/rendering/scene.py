@@ -181,7 +181,8 @@ def _rows_of_plan(surfaces: SurfaceSet | StoredSurfaces, plan: IsovaluePlan) -> 
 
 def _check_details(surfaces: SurfaceSet | StoredSurfaces) -> None:
     """Raise unless the surfaces are whole and their details those of the same surfaces, one after the other."""
-    for expected, part in enumerate((surfaces, *surfaces.details)):
+    parts: tuple[SurfaceSet | StoredSurfaces, ...] = surfaces.by_detail
+    for expected, part in enumerate(parts):
         if part.settings != replace(surfaces.settings, detail=expected):
             raise InputError(
                 f"surfaces with the settings {part.settings} stand where detail {expected} is expected; pass what "

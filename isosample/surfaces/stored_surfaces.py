@@ -117,6 +117,11 @@ class StoredSurfaces:
         """All pieces in memory at once, ordered by (level, brick)."""
         return tuple(self.chunks())
 
+    @property
+    def by_detail(self) -> tuple[StoredSurfaces, ...]:
+        """The finest meshes, which these are, and the coarser details."""
+        return (self, *self.details)
+
     def pieces(self, level: int) -> tuple[BrickMesh, ...]:
         """Return the meshes of one level, in the order of the bricks, all in memory; raises as `SurfaceSet` does."""
         if not 0 <= level < len(self.isovalues):

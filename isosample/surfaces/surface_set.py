@@ -81,6 +81,11 @@ class SurfaceSet:
     statistics: ExtractionStatistics
     details: tuple[SurfaceSet, ...] = ()
 
+    @property
+    def by_detail(self) -> tuple[SurfaceSet, ...]:
+        """The finest meshes, which these are, and the coarser details."""
+        return (self, *self.details)
+
     def pieces(self, level: int) -> tuple[BrickMesh, ...]:
         """Return the meshes of one level, in the order of the bricks.
 

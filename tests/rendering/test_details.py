@@ -280,9 +280,9 @@ def test_preparation_adds_details_from_memory_and_from_a_folder(tmp_path: Path) 
     lists = SurfaceLists(folder=tmp_path / "lists", content_hash="0" * 64)
     stored = prepare_stored_surfaces(volume, tf, quality, lists, memory=1 << 32, scan=scan_volume(volume))
     assert {"extract", "detail 1", "detail 2"} <= stages
-    counts = [one.statistics.triangles for one in (found.surfaces, *found.surfaces.details)]
+    counts = [one.statistics.triangles for one in found.surfaces.by_detail]
     for other in (cached, again, stored):
-        assert [one.statistics.triangles for one in (other.surfaces, *other.surfaces.details)] == counts
+        assert [one.statistics.triangles for one in other.surfaces.by_detail] == counts
     assert [one.statistics.brick_visits for one in again.surfaces.details] == [0, 0]
     with pytest.raises(InputError, match="details 6 must be a whole number from 0 to 5"):
         Quality(details=6)

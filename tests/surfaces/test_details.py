@@ -305,7 +305,7 @@ def test_a_plateau_at_the_isovalue_is_no_isosurface_to_lie_on() -> None:
 
 def test_extract_details_gives_all_and_refuses_what_there_cannot_be() -> None:
     surfaces = extract_details(blobs(), [0.4], 2, brick_cells=16)
-    assert [one.settings.detail for one in (surfaces, *surfaces.details)] == [0, 1, 2]
+    assert [one.settings.detail for one in surfaces.by_detail] == [0, 1, 2]
     assert extract_details(blobs(), [0.4], 0).details == ()
     for details in (-1, 6, True):
         with pytest.raises(InputError, match="must be a whole number from 0 to 5"):
@@ -451,9 +451,7 @@ def test_a_scene_keeps_its_details_in_its_folder(tmp_path: Path) -> None:
     loaded = load_cache(tmp_path / "details").surfaces
     opened = open_cache(tmp_path / "details").surfaces
     assert len(loaded.details) == len(opened.details) == 2
-    for found, stored, expected in zip(
-        (loaded, *loaded.details), (opened, *opened.details), (surfaces, *surfaces.details), strict=True
-    ):
+    for found, stored, expected in zip(loaded.by_detail, opened.by_detail, surfaces.by_detail, strict=True):
         assert_same_bits(found, expected)
         assert stored.statistics.triangles == expected.statistics.triangles
 
