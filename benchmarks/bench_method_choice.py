@@ -22,7 +22,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks import method_scenes
-from benchmarks.machine import describe_machine, processor, table
+from benchmarks.machine import describe_machine, table
+from isosample.compare.machine import processor
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering import method_costs

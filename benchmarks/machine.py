@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import isosample
+from isosample.compare.machine import processor
 from isosample.gl.context import shared_context
 
 if TYPE_CHECKING:
@@ -37,16 +38,6 @@ def commit() -> str:
     )
     changed = subprocess.run([*run, "status", "--porcelain"], capture_output=True, text=True, check=False)
     return (found.stdout.strip() or "unknown") + ("+" if changed.stdout.strip() else "")
-
-
-def processor() -> str:
-    """Model name of the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
 
 
 def median(samples: Sequence[float]) -> str:

@@ -35,14 +35,14 @@ def describe_machine() -> dict[str, Any]:
         "isosample": isosample.__version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
-        "processor": _processor(),
+        "processor": processor(),
         "cores": os.cpu_count(),
         "packages": {name: importlib.metadata.version(name) for name in PACKAGES},
         "driver": describe(shared_context()),
     }
 
 
-def _processor() -> str:
+def processor() -> str:
     """Model name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
