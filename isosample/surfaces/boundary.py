@@ -10,6 +10,7 @@ import numpy as np
 from isosample.errors import InputError
 from isosample.surfaces.mask_faces import MaskFaces
 from isosample.volume.lazy import lazily
+from isosample.volume.spline_weights import spline_weights
 
 if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray, Volume
@@ -107,17 +108,12 @@ def _bicubic(face: SampleArray, kernel: F64, u: F64, v: F64) -> F64:
     coefficients = face.astype(np.float64)
     column, right = _split(u, coefficients.shape[1] - 2)
     row, up = _split(v, coefficients.shape[0] - 2)
+    along, across = spline_weights(kernel, right), spline_weights(kernel, up)
     value: F64 = np.zeros(np.broadcast(u, v).shape)
     for b in range(4):
-        line = sum(_weight(kernel[a], right) * coefficients[row + b, column + a] for a in range(4))
-        value = value + _weight(kernel[b], up) * line
+        line = sum(along[a] * coefficients[row + b, column + a] for a in range(4))
+        value = value + across[b] * line
     return value
-
-
-def _weight(powers: F64, fraction: F64) -> F64:
-    """Cubic polynomial with the given coefficients, lowest power first."""
-    weight: F64 = powers[0] + fraction * (powers[1] + fraction * (powers[2] + fraction * powers[3]))
-    return weight
 
 
 def _split(coordinate: F64, count: int) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.intp]], F64]:

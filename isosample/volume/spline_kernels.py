@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from isosample.compiled import compiled
+from isosample.volume import spline_weights as weights
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,15 +21,7 @@ if TYPE_CHECKING:
 Four = tuple[float, float, float, float]
 
 
-@compiled
-def spline_weights(kernel: F64, u: float) -> Four:
-    """Weights of the four taps at a fraction in [0, 1]; their sum is 1."""
-    return (
-        kernel[0, 0] + u * (kernel[0, 1] + u * (kernel[0, 2] + u * kernel[0, 3])),
-        kernel[1, 0] + u * (kernel[1, 1] + u * (kernel[1, 2] + u * kernel[1, 3])),
-        kernel[2, 0] + u * (kernel[2, 1] + u * (kernel[2, 2] + u * kernel[2, 3])),
-        kernel[3, 0] + u * (kernel[3, 1] + u * (kernel[3, 2] + u * kernel[3, 3])),
-    )
+spline_weights = compiled(weights.spline_weights)
 
 
 @compiled
