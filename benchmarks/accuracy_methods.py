@@ -15,7 +15,7 @@ from isosample.integral.field_reference import integrate_field_rays
 from isosample.integral.grid_crossings import grid_crossings
 from isosample.integral.reference import integrate_rays
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE
+from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.surfaces.extract import extract_surfaces
 from isosample.volume.field import Field
@@ -75,8 +75,7 @@ def exact_lists(scene: AccuracyScene, isovalues: F64, rays: tuple[F64, F64]) -> 
 
 def list_picture(scene: AccuracyScene, lists: CrossingLists, plan: IsovaluePlan, rule: SegmentRule) -> F64:
     """Picture of exact crossings, (N, 4)."""
-    low, high = plan.value_range
-    least = LEAST_SHEET_SLOPE * (high - low) / scene.volume.box.radius
+    least = least_sheet_slope(plan.value_range, scene.volume.box)
     return integrate_lists(lists, plan, rule=rule, reach=0.0, least_slope=least).rgba
 
 

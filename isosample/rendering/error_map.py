@@ -13,7 +13,7 @@ from isosample.defaults import IMAGE_SUFFIXES, SHOWN_QUANTILE
 from isosample.errors import InputError, MissingDependencyError
 from isosample.files import replacing
 from isosample.integral.list_errors import judge_lists
-from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE, crossing_lists, visible_parts
+from isosample.rendering.picture_lists import crossing_lists, least_sheet_slope, visible_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -166,7 +166,6 @@ def error_map(
     origins, directions = (
         part.reshape(-1, 3) for part in camera.rays(width / height).origins_and_directions(width, height)
     )
-    low, high = surfaces.value_range
     reach = abuffer.reach(camera, size, settings)
     maps = np.zeros((3, height * width), dtype=np.float32)
     done = 0
@@ -177,7 +176,7 @@ def error_map(
             plan,
             reach=reach,
             visible=visible_parts(*lines, settings.clip_planes),
-            least_slope=LEAST_SHEET_SLOPE * max(high - low, 0.0) / surfaces.geometry.box.radius,
+            least_slope=least_sheet_slope(surfaces.value_range, surfaces.geometry.box),
         )
         half_width = 0.5 * (errors.interval[:, 1] - errors.interval[:, 0]).max(axis=-1)
         maps[:, part.covered] = (errors.indicator, half_width, errors.mesh)

@@ -34,12 +34,17 @@ def shared_constants() -> dict[str, int]:
     ShaderError
         If the shaders allow another number of clip planes than the settings.
     """
-    found = {name: int(value) for name, value in constants(_layouts_text()).items()}
+    found = {name: n for name, n in constants(_layouts_text()).items() if isinstance(n, int)}
     if found["MAX_CLIP_PLANES"] != MAX_CLIP_PLANES:
         raise ShaderError(
             f"{LAYOUTS} allows {found['MAX_CLIP_PLANES']} clip planes, the settings {MAX_CLIP_PLANES}."
         )
     return found
+
+
+def shared_number(name: str) -> float:
+    """A ``const float`` of ``shaders/lib/layouts.glsl``, as it is written there."""
+    return float(constants(_layouts_text())[name])
 
 
 @cache

@@ -11,7 +11,7 @@ from isosample.integral.crossing_lists import BORDER, CrossingLists
 from isosample.integral.ray import box_interval, face_tolerance, nearest_face
 from isosample.integral.reference import clipped
 from isosample.integral.spline import spline_face_tolerance
-from isosample.rendering.frame import shared_constants
+from isosample.rendering.frame import shared_constants, shared_number
 
 if TYPE_CHECKING:
     from isosample.rendering.fragment_lists import FragmentLists
@@ -19,11 +19,10 @@ if TYPE_CHECKING:
     from isosample.surfaces.boundary import BoundarySlices
     from isosample.surfaces.extract import SurfaceSet
     from isosample.surfaces.stored_surfaces import StoredSurfaces
+    from isosample.volume.geometry import Box
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-LEAST_SHEET_SLOPE = 1e-6  # of the value range per radius of the box: LEAST_SLOPE of shaders/pass/walk.glsl
 
 
 def crossing_lists(
@@ -171,3 +170,16 @@ def _joined(parts: list[_Columns], rays: int) -> CrossingLists:
     sorted_ = {name: column[order] for name, column in columns.items()}
     first = np.searchsorted(sorted_.pop("ray"), np.arange(rays + 1))
     return CrossingLists(first=first, **sorted_)
+
+
+def least_sheet_slope(value_range: tuple[float, float], box: Box) -> float:
+    """Least |df/dt| by which a sheet's share is divided, as in ``shaders/pass/walk.glsl`` [data units / world].
+
+    Parameters
+    ----------
+    value_range : 2 floats
+        By which the shaders' values are normalised; without a finite sample (inf, -inf).
+    box : Box
+    """
+    low, high = value_range
+    return shared_number("LEAST_SHEET_SLOPE") * max(high - low, 0.0) / box.radius

@@ -16,7 +16,7 @@ from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_isovalues
 from isosample.rendering.mesh_search import search_mesh
-from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE
+from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
@@ -286,7 +286,7 @@ def _search_isovalues(
         target=target,
         max_isovalues=max_isovalues,
         gradients=_remembered(partial(gradient_at_values, volume)),
-        least_slope=LEAST_SHEET_SLOPE * (high - low) / volume.box.radius,
+        least_slope=least_sheet_slope((low, high), volume.box),
         progress=_stage(progress, "isovalues"),
     )
 

@@ -49,6 +49,7 @@ const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value ri
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
 const uint DOMAIN_LEVEL = 0x7FFFu;       // Node.surface level of a fragment on the border of the valid cells
 const float LARGEST_HALF = 65504.0;      // of the slopes in the nodes: steeper is as steep
+const float LEAST_SHEET_SLOPE = 1e-6;    // |df/dt| times the box radius: a sheet is met no more slowly than that
 const int MAX_CLIP_PLANES = 8;
 const uint LINK_SORT_LIMIT = 1024u;      // longer lists are sorted by merge_lists.comp, one call per pass: llvmpipe ends
                                          // every loop of a shader call after 65535 iterations in all, in silence

@@ -3,7 +3,6 @@
 // Twins: isosample/integral/list_segments.py, list_walk.py
 
 const float UNKNOWN_SLOPE = 3e38;
-const float LEAST_SLOPE = 1e-6;           // of a sheet: |df/dt| times the box radius
 
 struct Walk {
     vec3 radiance;                        // premultiplied, in front of the current position
@@ -132,7 +131,7 @@ void composite_level(int level, float slope, uint normal) {
     if (here.impulse.a == 0.0 && here.sheet.a == 0.0) return;
     if (walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
     vec3 light = normal_between(normal, normal, 0.0);
-    float sheet = opacity_from_depth(here.sheet.a / max(slope, LEAST_SLOPE / frame.box_radius));
+    float sheet = opacity_from_depth(here.sheet.a / max(slope, LEAST_SHEET_SLOPE / frame.box_radius));
     composite(sheet * lit(here.sheet.rgb, light), sheet);
     composite(here.impulse.a * lit(here.impulse.rgb, light), here.impulse.a);
 #endif

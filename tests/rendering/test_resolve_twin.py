@@ -13,7 +13,7 @@ from isosample.integral.data_centric import ListIntegrals, integrate_lists
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.picture_lists import LEAST_SHEET_SLOPE, crossing_lists, visible_parts
+from isosample.rendering.picture_lists import crossing_lists, least_sheet_slope, visible_parts
 from isosample.rendering.scene import LevelRange, Scene
 from isosample.rendering.settings import ClipPlane, RenderSettings
 from isosample.surfaces.extract import extract_surfaces
@@ -122,14 +122,13 @@ def expected_picture(
     """The float64 integral of every pixel's list."""
     rays = camera.rays(SIZE[0] / SIZE[1]).origins_and_directions(*SIZE)
     origins, directions = (part.reshape(-1, 3) for part in rays)
-    low, high = surfaces.value_range
     return integrate_lists(
         crossing_lists(lists, surfaces, origins, directions),
         plan,
         rule=rule,
         visible=visible_parts(origins, directions, (ClipPlane(*plane),)),
         reach=float(np.linalg.norm(surfaces.geometry.spacing)),
-        least_slope=LEAST_SHEET_SLOPE * (high - low) / surfaces.geometry.box.radius,
+        least_slope=least_sheet_slope(surfaces.value_range, surfaces.geometry.box),
     )
 
 
