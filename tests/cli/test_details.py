@@ -58,6 +58,22 @@ def test_pictures_of_a_folder_with_details_take_fewer_triangles(run: Run, smooth
     assert drawn["plain"] == drawn["fine"] > drawn["near"] > drawn["far"]
 
 
+@pytest.mark.parametrize("source", ["smooth.npy --tf smooth.json --per-slope 4 --details 3", "meshes"])
+def test_details_beyond_the_mesh_budget_give_the_same_picture(run: Run, smooth: Path, source: str) -> None:
+    run("precompute smooth.npy --tf smooth.json --per-slope 4 --details 3 --cache meshes")
+    batches = {}
+    for name, options in {"whole": "", "batches": "--mesh-budget 64KiB"}.items():
+        view = f"{VIEW} --screen-error 1/2 --clip 1,0,0,-9 --stats {name}.json -o {name}.npy"
+        assert run(f"render {source} {view} {options}").status == 0
+        told = json.loads(Path(f"{name}.json").read_text())
+        assert told["skipped"]["chunks_coarser"] > 0
+        batches[name] = told["mesh_batches"]
+    assert batches["whole"] == 1 < batches["batches"]
+    picture = np.load("whole.npy")
+    assert picture[..., 3].max() > 0.1
+    assert np.array_equal(np.load("batches.npy"), picture)
+
+
 def test_another_transfer_function_finds_the_details_of_its_isovalues(run: Run, smooth: Path) -> None:
     run("precompute smooth.npy --tf smooth.json --per-slope 2 --details 2 --cache meshes")
     recoloured = {"points": [point | {"color": [0.0, 1.0, 0.0]} for point in TF["points"]]}
