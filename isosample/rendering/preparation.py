@@ -102,19 +102,19 @@ def prepare_surfaces(
         return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
-    refine, distance = quality.refine, None
     options: dict[str, Any] = {"nan_masked": nan_masked, "reconstruction": quality.reconstruction}
     options["progress"] = of_detail(progress, 0)
-    if refine is None:
-        surfaces, distance = _refined_enough(volume, plan, quality, options)
-        refine = surfaces.settings.refine
+    refined, distance = None, None
+    if quality.refine is None:
+        refined, distance = _refined_enough(volume, plan, quality, options)
+        options |= refined.settings.as_keywords()
+    else:
+        options |= {"refine": quality.refine, "residuals": residuals}
     if cache is not None:
-        kept: dict[str, Any] = {"plain": plain, "budget_bytes": budget_bytes}
-        surfaces = _extract_into(
-            cache, volume, plan.isovalues, refine=refine, residuals=residuals, **options, **kept
-        )
-    elif distance is None:
-        surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=residuals, **options)
+        kept: dict[str, Any] = {"plain": plain, "budget_bytes": budget_bytes, "extracted": refined}
+        surfaces = _extract_into(cache, volume, plan.isovalues, **options, **kept)
+    else:
+        surfaces = refined or extract_surfaces(volume, plan.isovalues, **options)
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
     found = PreparedSurfaces(surfaces, plan, seconds, distance)
     return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
@@ -206,6 +206,7 @@ def _for_tolerance(
             reconstruction=quality.reconstruction,
             refine=found.refine,
             residuals=True,
+            extracted=surfaces,
             progress=of_detail(progress, 0),
             **kept,
         )

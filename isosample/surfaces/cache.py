@@ -18,7 +18,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from isosample.errors import CacheError
+import numpy as np
+
+from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.boundary_files import boundary_path, read_boundary, write_boundary
 from isosample.surfaces.cache_files import REMEDY, digest_of, read_json, write_json
@@ -277,6 +279,7 @@ def extract_with_cache(
     detail: int = 0,
     budget_bytes: int | None = None,
     plain: bool = False,
+    extracted: SurfaceSet | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume, of which those in the folder are read and the others added to it.
@@ -292,6 +295,9 @@ def extract_with_cache(
         Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
     plain : bool
         Add chunks that need no decoding, four to six times as large and loaded several times as fast.
+    extracted : SurfaceSet, optional
+        What `extract_surfaces` gives for these isovalues and settings, if it is at hand: what the folder lacks is
+        taken from it.
 
     Returns
     -------
@@ -303,7 +309,7 @@ def extract_with_cache(
     Raises
     ------
     InputError
-        As `extract_surfaces`.
+        As `extract_surfaces`; also if `extracted` has other isovalues or settings.
     CacheError
         If the folder belongs to another volume or format version, or cannot be written. What was extracted until
         then is kept: the same call goes on from there.
@@ -318,17 +324,18 @@ def extract_with_cache(
         detail=detail,
     )
     levels = check_isovalues(isovalues)
+    _check_extracted(extracted, levels, settings)
     scan = scan_volume(volume, brick_cells)
     scan.tell(volume)
     check_volume(volume, settings)
     volume_hash = content_hash(volume, scan)
     claim_folder(folder, volume.geometry, volume_hash, volume.name)
     store = MeshStore(folder, budget_bytes=budget_bytes, plain=plain)
-    field = Field.of(volume, settings, scan, volume_hash)
+    field = Field.of(volume, settings, scan, volume_hash, extracted)
     pieces, unlisted = wanted_pieces(folder, field, levels)
     found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
     missing = [piece for piece, mesh in found.items() if mesh is None]
-    if missing:
+    if missing and extracted is None:
         tally(EXTRACTIONS)
     found.update(extract_pieces(field, levels, missing, store, progress))
     meshes = {piece: mesh for piece, mesh in sorted(found.items()) if mesh is not None}
@@ -370,6 +377,17 @@ def _surface_set(
             vertices=count_per_level(levels, shown, "positions"),
         ),
     )
+
+
+def _check_extracted(extracted: SurfaceSet | None, levels: F64, settings: ExtractionSettings) -> None:
+    """Raise unless surfaces that are at hand are those that are asked for."""
+    if extracted is None:
+        return
+    if extracted.settings != settings or not np.array_equal(extracted.isovalues, levels):
+        raise InputError(
+            f"the extracted surfaces have {len(extracted.isovalues)} isovalues and {extracted.settings}; "
+            f"{len(levels)} isovalues with {settings} are asked for. Pass what extract_surfaces gives for these."
+        )
 
 
 def _tell(store: MeshStore) -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from isosample.surfaces.chunk_table import Rows
     from isosample.surfaces.settings import ExtractionSettings
     from isosample.surfaces.store import MeshStore
+    from isosample.surfaces.surface_set import SurfaceSet
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, Volume
     from isosample.volume.scan import BrickScan
@@ -48,20 +49,39 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Field:
-    """A volume with its reconstruction, brick by brick; the spline is built when it is first needed."""
+    """A volume with its reconstruction, brick by brick; the spline is built when it is first needed.
+
+    Where its surfaces were extracted before (`extracted`, by isovalue and brick), nothing is extracted again.
+    """
 
     volume: Volume
     settings: ExtractionSettings
     scan: BrickScan
     content_hash: str
     bricks: list[Brick]
+    extracted: Mapping[tuple[float, tuple[int, int, int]], BrickMesh] | None = None
     _built: list[tuple[Volume, GridSpline | None]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, volume: Volume, settings: ExtractionSettings, scan: BrickScan, content_hash: str) -> Field:
-        """Return the field of a scanned volume."""
-        bricks = bricks_of(volume.size_xyz, settings.brick_cells)
-        return cls(volume=volume, settings=settings, scan=scan, content_hash=content_hash, bricks=bricks)
+    def of(
+        cls,
+        volume: Volume,
+        settings: ExtractionSettings,
+        scan: BrickScan,
+        content_hash: str,
+        extracted: SurfaceSet | None = None,
+    ) -> Field:
+        """Return the field of a scanned volume, of which surfaces with these settings may be at hand."""
+        meshes = () if extracted is None else extracted.meshes
+        pieces = {(mesh.isovalue, mesh.brick): mesh for mesh in meshes}
+        return cls(
+            volume=volume,
+            settings=settings,
+            scan=scan,
+            content_hash=content_hash,
+            bricks=bricks_of(volume.size_xyz, settings.brick_cells),
+            extracted=None if extracted is None else pieces,
+        )
 
     @property
     def spline(self) -> GridSpline | None:
@@ -85,8 +105,11 @@ class Field:
 
     def extract(self, row: int, isovalues: F64) -> list[BrickMesh]:
         """Return the pieces of isosurfaces in one brick, those without triangles too."""
-        nodes, spline = self._nodes_and_spline()
         brick = self.bricks[row]
+        if self.extracted is not None:
+            known = ((value, self.extracted.get((value, brick.index))) for value in isovalues.tolist())
+            return [mesh or no_mesh(value, brick) for value, mesh in known]
+        nodes, spline = self._nodes_and_spline()
         samples = (
             load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
         )
@@ -96,8 +119,9 @@ class Field:
         return [found.get(value) or no_mesh(value, brick) for value in isovalues.tolist()]
 
     def prepare(self) -> None:
-        """Build the spline where there is one."""
-        self._nodes_and_spline()
+        """Build the spline where there is one and it is needed."""
+        if self.extracted is None:
+            self._nodes_and_spline()
 
     def _nodes_and_spline(self) -> tuple[Volume, GridSpline | None]:
         """Return the volume of the values at the samples, and the spline."""

@@ -1,0 +1,84 @@
+"""Surfaces that a search has extracted go into the cache folder as they are: nothing is extracted a second time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from isosample.errors import InputError
+from isosample.rendering.preparation import prepare_surfaces
+from isosample.rendering.quality import Quality
+from isosample.surfaces import cache_levels
+from isosample.surfaces.cache import extract_with_cache
+from isosample.surfaces.extract import extract_surfaces
+from isosample.volume.reconstruction import Reconstruction
+from rendering.scenes import ramp_tf
+from rendering.test_details import blobs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from isosample.surfaces.surface_set import SurfaceSet
+
+
+def refuse(*_: object, **__: object) -> None:
+    raise AssertionError("a piece is extracted for the folder, though it is at hand")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of a cache folder but the scans of volumes, which hold dates of files."""
+    kinds = ("volume.json", "boundary*", "chunks/*/*", "surfaces/*")
+    files = [path for kind in kinds for path in folder.glob(kind)]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def assert_same(found: SurfaceSet, expected: SurfaceSet) -> None:
+    assert found.settings == expected.settings
+    assert found.statistics == expected.statistics
+    for mesh, other in zip(found.meshes, expected.meshes, strict=True):
+        assert (mesh.isovalue, mesh.brick) == (other.isovalue, other.brick)
+        np.testing.assert_array_equal(mesh.positions, other.positions)
+        np.testing.assert_array_equal(mesh.triangles, other.triangles)
+        np.testing.assert_array_equal(mesh.residuals, other.residuals)
+
+
+@pytest.mark.parametrize(
+    "reconstruction", [Reconstruction.TRILINEAR, Reconstruction.CUBIC, Reconstruction.BSPLINE]
+)
+@pytest.mark.parametrize("tolerance", [None, pytest.param(1 / 16, marks=pytest.mark.gl)])
+def test_what_a_search_has_extracted_goes_into_the_folder_as_it_is(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+    tolerance: float | None,
+    reconstruction: Reconstruction,
+) -> None:
+    if tolerance is not None:
+        request.getfixturevalue("gl")
+    volume = blobs(24)
+    tf = ramp_tf(*volume.value_range, (0.0, 0.4))
+    per_slope = 2 if tolerance is None else None
+    quality = Quality(per_slope=per_slope, tolerance=tolerance, refine=None, reconstruction=reconstruction)
+    with monkeypatch.context() as watched:
+        watched.setattr(cache_levels, "extract_brick", refuse)
+        found = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
+        again = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
+    options = found.surfaces.settings.as_keywords()
+    assert options["residuals"]
+    levels = found.plan.isovalues
+    assert_same(found.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+    assert contents(tmp_path / "found") == contents(tmp_path / "expected")
+    assert again.surfaces.statistics.levels_reused == len(levels)
+    assert_same(again.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+
+
+@pytest.mark.parametrize("wrong", ["isovalues", "settings"])
+def test_surfaces_of_something_else_are_not_taken(tmp_path: Path, wrong: str) -> None:
+    volume = blobs(16)
+    surfaces = extract_surfaces(volume, [0.3, 0.5], refine=2 if wrong == "settings" else 1)
+    asked = [0.3, 0.5] if wrong == "settings" else [0.3, 0.6]
+    with pytest.raises(InputError, match=r"the extracted surfaces have 2 isovalues .*are asked for"):
+        extract_with_cache(volume, asked, tmp_path, extracted=surfaces)
+    assert not contents(tmp_path)
