@@ -25,6 +25,7 @@ from isosample.rendering.scene_load import LoadEstimator
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.isovalue_plan import Reason
+from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -144,17 +145,18 @@ def choose_method(
         raise InputError(f"methods {list(among)} must be some of {', '.join(CHOSEN_FROM)}.")
     check_volume(volume, ExtractionSettings(nan_masked=True, reconstruction=quality.reconstruction))
     cameras = cameras or [Camera.default(volume.box, size)]
-    plan = plan_for(volume, transfer_function, quality)
+    smooth = quality.reconstruction.smooth
+    spline = GridSpline.build(volume, quality.reconstruction) if smooth else None
+    plan = plan_for(volume, transfer_function, quality, spline=spline)
     needs = None if quality.tolerance is None else tolerance_needs(quality.tolerance)
     step = raycast.step if needs is None else needs["step"]
     methods = _possible(plan, among)
-    load = LoadEstimator(volume, transfer_function, quality.reconstruction).load(
-        plan, cameras, size, settings, step=step
-    )
+    estimator = LoadEstimator(volume, transfer_function, quality.reconstruction, spline=spline)
+    load = estimator.load(plan, cameras, size, settings, step=step)
     load = load if needs is None else with_tolerance(load, needs)
     on_processor = is_software(shared_context()) if software is None else software
     costs = costs_of(software=on_processor)
-    shaded, smooth = settings.material is not None, quality.reconstruction.smooth
+    shaded = settings.material is not None
     found = [
         estimate_cost(method, load, costs, frames=len(cameras), shaded=shaded, smooth=smooth)
         for method in methods

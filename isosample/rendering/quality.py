@@ -78,13 +78,23 @@ class Quality:
         check_details(self.details)
 
 
-def plan_for(volume: Volume, transfer_function: TransferFunction, quality: Quality) -> IsovaluePlan:
-    """Isovalues with so many per slope, of the range that the reconstruction can take."""
+def plan_for(
+    volume: Volume, transfer_function: TransferFunction, quality: Quality, *, spline: GridSpline | None = None
+) -> IsovaluePlan:
+    """Isovalues with so many per slope, of the range that the reconstruction can take.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction
+    quality : Quality
+    spline : GridSpline, optional
+        Of this volume and the quality's reconstruction, if it is at hand.
+    """
     per_slope = DEFAULT_PER_SLOPE if quality.per_slope is None else quality.per_slope
-    smooth = quality.reconstruction.smooth
-    value_range = (
-        GridSpline.build(volume, quality.reconstruction).value_range if smooth else volume.value_range
-    )
+    if quality.reconstruction.smooth and spline is None:
+        spline = GridSpline.build(volume, quality.reconstruction)
+    value_range = volume.value_range if spline is None else spline.value_range
     return plan_isovalues(
         transfer_function, value_range, per_slope=per_slope, gradients=partial(gradient_at_values, volume)
     )

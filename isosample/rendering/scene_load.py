@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.cell_sample import CellSample
     from isosample.volume.grid import Volume
-    from isosample.volume.reconstruction import Reconstruction
+    from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 F64 = npt.NDArray[np.float64]
 
@@ -96,15 +96,22 @@ class LoadEstimator:
         In memory or lazily sliced; its value range must be known.
     transfer_function : TransferFunction
     reconstruction : Reconstruction
+    spline : GridSpline, optional
+        Of this volume and reconstruction, if it is at hand.
     """
 
     def __init__(
-        self, volume: Volume, transfer_function: TransferFunction, reconstruction: Reconstruction
+        self,
+        volume: Volume,
+        transfer_function: TransferFunction,
+        reconstruction: Reconstruction,
+        *,
+        spline: GridSpline | None = None,
     ) -> None:
         self._volume = volume
         self._tf = transfer_function
         self._cells = sample_cells(volume)
-        self._grid = MacrocellGrid.build(volume, reconstruction, MACROCELLS)
+        self._grid = MacrocellGrid.build(volume, reconstruction, MACROCELLS, spline=spline)
         self._occupied = self._grid.occupancy(visible_intervals(transfer_function, isosurfaces=True))
 
     def load(
@@ -142,7 +149,8 @@ class LoadEstimator:
         densities = self._blocks(
             cells, [per_value * crossed, per_value * _between(bends, cells.low, cells.high), depth]
         )
-        rays = [self._along_rays(camera, size, settings, densities) for camera in _some(cameras)]
+        few = cameras[:: -(-len(cameras) // MOST_CAMERAS)]  # evenly spread
+        rays = [self._along_rays(camera, size, settings, densities) for camera in few]
         lists, resolved, visible, pieces, visits = (np.stack(part) for part in zip(*rays, strict=True))
         pixels = float(size[0] * size[1])
         voxel = min(self._volume.spacing)
@@ -232,12 +240,6 @@ class LoadEstimator:
             side = (origins @ normal)[:, None] + t * (directions @ normal)[:, None] + plane.d
             dt = np.where(side >= 0.0, dt, 0.0)
         return start[:, None] + t[..., None] * way[:, None], dt
-
-
-def _some(cameras: Sequence[Camera]) -> list[Camera]:
-    """A few, evenly spread."""
-    stride = -(-len(cameras) // MOST_CAMERAS)
-    return list(cameras[::stride])
 
 
 def _look_up(grid: npt.NDArray[Any], unit: F64) -> npt.NDArray[Any]:
