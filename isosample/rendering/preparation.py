@@ -198,18 +198,8 @@ def _for_tolerance(
     planned = time.perf_counter()
     surfaces = found.surfaces
     if cache is not None:
-        surfaces = _extract_into(
-            cache,
-            volume,
-            found.plan.isovalues,
-            nan_masked=nan_masked,
-            reconstruction=quality.reconstruction,
-            refine=found.refine,
-            residuals=True,
-            extracted=surfaces,
-            progress=of_detail(progress, 0),
-            **kept,
-        )
+        options = surfaces.settings.as_keywords() | kept | {"progress": of_detail(progress, 0)}
+        surfaces = _extract_into(cache, volume, found.plan.isovalues, extracted=surfaces, **options)
     return PreparedSurfaces(
         surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
     )
