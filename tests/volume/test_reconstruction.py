@@ -13,6 +13,7 @@ from scipy.interpolate import make_interp_spline
 
 from isosample.errors import InputError
 from isosample.volume import reconstruction as module
+from isosample.volume import spline_fit
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction, spline_kernel
 from isosample.volume.spline_kernels import spline_value_gradient
@@ -359,7 +360,7 @@ def test_faces_have_the_coefficients_of_their_own_spline(
 def test_slabs_do_not_change_the_coefficients(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = np.random.default_rng(13).normal(size=(7, 8, 9))
     whole = build(samples).coefficients
-    monkeypatch.setattr(module, "SLAB_SAMPLES", 100)
+    monkeypatch.setattr(spline_fit, "SLAB_SAMPLES", 100)
     assert np.abs(build(samples).coefficients - whole).max() <= 8 * U * np.abs(whole).max()
 
 
