@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import RenderSettings
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
+    from isosample.volume.macrocells import MacrocellGrid
 
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A volume that was opened to choose a method for it, with its transfer function and where that comes from."""
+    """A volume that was opened to choose a method for it, its transfer function and where that is from, and bounds."""
 
     volume: Volume
     transfer_function: TransferFunction
     tf_origin: str
+    macrocells: MacrocellGrid
 
 
 def choose(args: argparse.Namespace, settings: RenderSettings, camera: Camera | None) -> Opened | None:
@@ -98,7 +100,7 @@ def _estimate(
         among=left,
     )
     _tell(args, found.to_dict())
-    return Opened(volume, tf, origin)
+    return Opened(volume, tf, origin, found.macrocells)
 
 
 def _tell(args: argparse.Namespace, choice: dict[str, object]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
@@ -45,7 +46,7 @@ def run_raycast(
 
     raycast = raycast_settings_of(args)
     check_volume_is_named(args)
-    masked = args.nan == "masked"
+    masked, macrocells = args.nan == "masked", None
     if opened is None:
         given = load_transfer_function(args.tf)
         volume = open_source_volume(args, args.source)
@@ -53,13 +54,15 @@ def run_raycast(
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     else:
         volume, tf, origin = opened.volume, opened.transfer_function, opened.tf_origin
+        macrocells = opened.macrocells
     more: dict[str, Any] = {"source": str(args.source), "transfer_function": origin} | choice_statistics(args)
     fields: dict[str, str] = {}
     if args.tolerance is not None:  # of an automatic choice
         raycast, report = _step_for(args, volume, tf, raycast)
         more["tolerance"], fields["tolerance"] = report, step_line(report)
+    prepared = partial(RayCaster, volume, tf, raycast=raycast, nan_masked=masked, macrocells=macrocells)
     if args.turntable is not None:
-        with RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
+        with prepared() as caster:
             run_turntable(
                 args,
                 cameras_of(args, camera, volume.box),
@@ -72,7 +75,7 @@ def run_raycast(
             )
         say_if_volume_is_empty(volume, tf, raycast.reconstruction)
         return 0
-    with progress_bars() as progress, RayCaster(volume, tf, raycast=raycast, nan_masked=masked) as caster:
+    with progress_bars() as progress, prepared() as caster:
         image = caster.render(
             camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, DEFAULT_SIZE, PEAK_FINDING, PRE_INTEGRATED
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
+    from isosample.volume.macrocells import MacrocellGrid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +52,8 @@ class MethodChoice:
         Of every method that was possible, the cheapest first.
     load : SceneLoad
         What the estimates are made from.
+    macrocells : MacrocellGrid
+        Bounds of the volume's field, which a `RayCaster` with as many macrocells can take.
     measured : str
         Where the seconds per unit of work come from.
     estimate_seconds : float
@@ -61,6 +64,7 @@ class MethodChoice:
     reason: str
     estimates: tuple[CostEstimate, ...]
     load: SceneLoad
+    macrocells: MacrocellGrid = field(repr=False)
     measured: str
     estimate_seconds: float
 
@@ -169,6 +173,7 @@ def choose_method(
         reason=_reason(estimates, among),
         estimates=estimates,
         load=load,
+        macrocells=estimator.macrocells,
         measured=origin_of_costs(software=on_processor),
         estimate_seconds=time.perf_counter() - started,
     )

@@ -108,6 +108,8 @@ class RayCaster:
     ----------
     volume, transfer_function, raycast, nan_masked
         As for `raycast`.
+    macrocells : MacrocellGrid, optional
+        Of an earlier look at this volume; built anew if `raycast` has another reconstruction or number.
 
     Raises
     ------
@@ -126,19 +128,18 @@ class RayCaster:
         *,
         raycast: RaycastSettings | None = None,
         nan_masked: bool = False,
+        macrocells: MacrocellGrid | None = None,
     ) -> None:
         started = time.perf_counter()
         self._settings = raycast or RaycastSettings()
-        check_volume(
-            volume,
-            ExtractionSettings(nan_masked=nan_masked, reconstruction=self._settings.reconstruction),
-        )
+        reconstruction = self._settings.reconstruction
+        check_volume(volume, ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction))
         self._ctx = shared_context()
         self._geometry = volume.geometry
         self._scale = ValueScale(*volume.value_range)
-        reconstruction = self._settings.reconstruction
         spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
-        grid = MacrocellGrid.build(volume, reconstruction, self._settings.macrocells, spline=spline)
+        count = self._settings.macrocells
+        grid = MacrocellGrid.build(volume, reconstruction, count, spline=spline, known=macrocells)
         self.timer = StageTimer(self._ctx)
         self.timer.seconds["prepare"] = time.perf_counter() - started
         with ExitStack() as made:

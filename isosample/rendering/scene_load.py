@@ -111,7 +111,7 @@ class LoadEstimator:
         self._volume = volume
         self._tf = transfer_function
         self._cells = sample_cells(volume)
-        self._grid = MacrocellGrid.build(volume, reconstruction, MACROCELLS, spline=spline)
+        self.macrocells = self._grid = MacrocellGrid.build(volume, reconstruction, MACROCELLS, spline=spline)
         self._occupied = self._grid.occupancy(visible_intervals(transfer_function, isosurfaces=True))
 
     def load(

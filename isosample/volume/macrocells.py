@@ -39,6 +39,7 @@ class MacrocellGrid:
     cells : int
         Cells along an edge of a macrocell; the last one of an axis may have fewer.
     volume : Volume
+    reconstruction : Reconstruction
 
     Notes
     -----
@@ -50,6 +51,7 @@ class MacrocellGrid:
     high: F64
     cells: int
     volume: Volume
+    reconstruction: Reconstruction
 
     @classmethod
     def build(
@@ -59,6 +61,7 @@ class MacrocellGrid:
         count: int = MACROCELLS,
         *,
         spline: GridSpline | None = None,
+        known: MacrocellGrid | None = None,
     ) -> MacrocellGrid:
         """Bound the field of a volume.
 
@@ -70,6 +73,8 @@ class MacrocellGrid:
             Macrocells along the longest axis, at most; >= 1.
         spline : GridSpline, optional
             Of this volume and reconstruction, if it is at hand.
+        known : MacrocellGrid, optional
+            Returned as it is if it bounds the same: this very volume, reconstruction and size of the macrocells.
 
         Raises
         ------
@@ -79,14 +84,19 @@ class MacrocellGrid:
         if count < 1:
             raise InputError(f"{count} macrocells along an axis are impossible; ask for at least 1.")
         cells = max(1, -(-(max(volume.size_xyz) - 1) // count))
+        if known is not None and known._bounds(volume, reconstruction, cells):
+            return known
         shape = _grid_shape(volume, cells)
         if not reconstruction.smooth:
             low, high = _ranges(lazily(volume.array), shape, cells, cells + 1)
-            return cls(low, high, cells, volume)
+            return cls(low, high, cells, volume, reconstruction)
         fitted = GridSpline.build(volume, reconstruction) if spline is None else spline
         low, high = _ranges(fitted.coefficients, shape, cells, cells + 3)
         beyond = 0.5 * (fitted.absolute_sum**3 - 1.0) * (high - low)  # negative weights reach out of the hull
-        return cls(low - beyond, high + beyond, cells, volume)
+        return cls(low - beyond, high + beyond, cells, volume, reconstruction)
+
+    def _bounds(self, volume: Volume, reconstruction: Reconstruction, cells: int) -> bool:
+        return self.volume is volume and (self.reconstruction, self.cells) == (reconstruction, cells)
 
     def occupancy(self, intervals: npt.ArrayLike) -> Bools:
         """Tell which macrocells show something; the volume is not read.

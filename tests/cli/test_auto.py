@@ -11,6 +11,7 @@ import pytest
 
 from cli.harness import TF, Run, content, write_json
 from isosample.rendering import method_costs
+from isosample.volume import macrocells
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -62,6 +63,28 @@ def test_the_cheaper_method_makes_the_picture(
     assert told["reason"] in outcome.fields()["method"]
     assert run(f"render blob.npy --tf tf.json --size 24x16 --method {same_as} -o named.npy").status == 0
     np.testing.assert_array_equal(np.load("auto.npy"), np.load("named.npy"))
+
+
+@pytest.mark.parametrize("film", ["", "--turntable 2"])
+@pytest.mark.parametrize(
+    ("options", "times"), [("", 1), ("--reconstruction cubic", 1), ("--macrocells 3", 2)]
+)
+def test_the_bounds_of_the_choice_are_those_of_the_ray_caster(
+    run: Run, monkeypatch: pytest.MonkeyPatch, options: str, times: int, film: str
+) -> None:
+    """Unless the ray caster is to have another number of macrocells."""
+    favour(monkeypatch, "pre-integrated")
+    seen: list[int] = []
+
+    def counted(*args: Any) -> Any:
+        seen.append(1)
+        return original(*args)
+
+    original = macrocells._ranges
+    monkeypatch.setattr(macrocells, "_ranges", counted)
+    assert run(f"{AUTO} {options} {film}").status == 0
+    assert choice()["method"] != "data-centric"
+    assert len(seen) == times
 
 
 def test_a_film_shares_the_preparation(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,3 +244,19 @@ def test_wrong_divisions_are_refused() -> None:
         build(np.zeros((2, 2, 2)), count=0)
     with pytest.raises(InputError, match="two along every axis"):
         build(np.zeros((2, 1, 2)), Reconstruction.CUBIC)
+
+
+def test_known_bounds_are_taken_where_they_are_those_that_are_asked_for() -> None:
+    volume = Volume(np.random.default_rng(5).normal(size=(9, 8, 7)))
+    known = MacrocellGrid.build(volume, Reconstruction.CUBIC, 4)
+    assert MacrocellGrid.build(volume, Reconstruction.CUBIC, 4, known=known) is known
+    for other, reconstruction, count in (
+        (Volume(volume.array), Reconstruction.CUBIC, 4),
+        (volume, Reconstruction.BSPLINE, 4),
+        (volume, Reconstruction.CUBIC, 2),
+    ):
+        built = MacrocellGrid.build(other, reconstruction, count, known=known)
+        assert (built.volume, built.reconstruction) == (other, reconstruction)
+        expected = MacrocellGrid.build(other, reconstruction, count)
+        np.testing.assert_array_equal(built.low, expected.low)
+        assert built is not known
