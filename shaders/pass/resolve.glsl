@@ -6,6 +6,7 @@
 #include "pass/sort_lists.glsl"
 #include "pass/gap.glsl"
 #include "pass/weigh.glsl"
+#include "pass/step.glsl"
 #include "pass/span.glsl"
 
 // Length of a list; one that merge_lists.comp has to sort first is only noted.

@@ -1,33 +1,6 @@
 // One stretch of a ray inside the volume: the way from crossing to crossing.
 // Expects the other files of pass/ that resolve.glsl includes. Twins: isosample/integral/list_spans.py, list_walk.py
 
-// End of the current band that is nearer to a level.
-float end_towards(int level) { return level >= walk.band ? 1.0 : 0.0; }
-
-void enter(Node node) {
-    float value = border_value(node);
-    walk.inside = true;
-    walk.distance = node.distance;
-    walk.band = band_of(value);
-    walk.position = band_position(bands[walk.band].value_low, bands[walk.band].inverse_width, value);
-    walk.slope = UNKNOWN_SLOPE;
-    walk.normal = 0u;
-}
-
-// True for a crossing that a balanced walk passes over: where a ray hardly touches a surface, its two crossings may stand
-// in the wrong order, and the walk goes through neither. Not so where an earlier crossing came too soon: this is then the
-// one that came too late.
-bool passes_over(Node node) {
-    bool rising = is_rising(node);
-    int level = int(node.surface & LEVEL_MASK);
-    bool owed = walk.debt != 0 && (walk.debt > 0) == rising;
-    bool first = walk.debt == 0 && walk.ahead == 0 && level == (rising ? walk.band - 1 : walk.band);
-    if (!walk.balanced || !(owed || first)) return false;
-    walk.debt += rising ? -1 : 1;
-    ++walk.reordered;
-    return true;
-}
-
 // The band from which the walk goes through a node. In a span that is not balanced, levels between the walk's band and
 // the node's were lost.
 int band_at(Node node) {
@@ -84,6 +57,32 @@ void step_to(Node node) {
         }
     } while (!arrived);
     if (domain) walk.inside = false;
+}
+
+// Where the next node of a sorted list is: `index` of node `i` - 1 and the number `i`.
+uint next_in_list(uint index, uint i, bool in_array) { return in_array ? sorted_indices[i] : next_node(index); }
+
+// A node of the list between the borders of the box (if they are borders): a crossing that was moved onto its curved
+// surface, or rounded, may lie a little outside, and is then met at the border.
+Node node_between(uint index, Node first, Node last) {
+    Node node = load_node(index);
+    if (is_domain(last) && !is_domain(node)) node.distance = clamp(node.distance, first.distance, last.distance);
+    return node;
+}
+
+// Weighs the span from `entry` on: the crossings from node `i` on, up to the next border or the end of the list.
+void weigh_span(Node entry, uint index, uint i, uint length, bool in_array, Node first, Node last) {
+    Weighing sums = begin_weighing();
+    Node node = last;
+    for (; i < length; ++i) {
+        if (i > 0u) index = next_in_list(index, i, in_array);
+        else if (in_array) index = sorted_indices[0];
+        node = node_between(index, first, last);
+        if (is_domain(node)) break;
+        weigh(sums, node);
+    }
+    if (i == length) node = last;
+    decide(sums, entry, node);
 }
 
 // Steps from `first` to every node of a sorted list, then to `last`; the two only if they are borders.
