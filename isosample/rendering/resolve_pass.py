@@ -30,6 +30,7 @@ SEGMENT_RULES = {
 # vain what it leaves.
 RUN = 16
 CHAIN_CLASSES = (0, 6, 16)
+BALANCED_RUNS = 6  # of lists that are no chains, but whose crossings add up; see shaders/pass/balanced.glsl
 LARGEST_ARRAY = (
     16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
 )
@@ -66,8 +67,16 @@ class ResolvePass:
             self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
             counters = self._shared.pool.counters()
             if int(counters["longer_lists"]) == longer:
-                return int(counters["broken_chains"]) > 0
+                return int(counters["broken_chains"]) > 0 and self._resolve_balanced(tile, frame)
         return True
+
+    def _resolve_balanced(self, tile: Tile, frame: PictureFrame) -> bool:
+        """Resolve the lists that are no chains but add up; return whether any list is left."""
+        if frame.settings.sort_capacity < RUN * BALANCED_RUNS:
+            return True
+        self._run_resolve("resolve_balanced", tile, frame, first=False, RUNS=BALANCED_RUNS)
+        counters = self._shared.pool.counters()
+        return int(counters["balanced_lists"]) < int(counters["broken_chains"])
 
     def _resolve_rest(self, tile: Tile, frame: PictureFrame, *, first: bool) -> None:
         """Resolve all lists that are left; very long ones take a second round."""
@@ -92,7 +101,7 @@ class ResolvePass:
         }
         if resolve_stage(self._shared.ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
             screen = "screen.vert" if first else "open_blocks.vert"
-            broken = {} if first else {"BROKEN": int(entry == "resolve")}
+            broken = {} if first else {"BROKEN": int(entry != "resolve_chain")}
             program = self._shared.programs.graphics(screen, f"{entry}.frag", **broken, **constants)
             if first:
                 self._target.fill(tile, program)

@@ -74,7 +74,8 @@ struct Counters {
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)
     uint terminated_rays;                // rays cut short behind an opaque front
     uint longer_lists;                   // lists left to a later program of the resolve pass because of their length,
-    uint broken_chains;                  // and because they are no chains
+    uint broken_chains;                  // and because they are no chains;
+    uint balanced_lists;                 // of these resolved, as their crossings add up
 };
 
 // The TF inside one band; linear in the value between the two ends (one-sided limits).

@@ -21,6 +21,9 @@ uint pixel_number(ivec2 in_tile) { return uint(in_tile.y * frame.tile_size.x + i
 // Whether no program of the pass has judged the list with this head yet.
 bool is_open(uint head) { return head == LIST_END || head < BROKEN_LIST; }
 
+// Whether a program has found that this is the head of a list that is no chain.
+bool is_broken(uint head) { return !is_open(head) && head != LIST_DONE; }
+
 // Head of a list without the note that it is no chain.
 uint unbroken(uint head) { return head == LIST_END ? head : head & ~BROKEN_LIST; }
 
