@@ -102,7 +102,8 @@ vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part)
     vec4 moments = vec4(0.0);
     float through = 1.0;
     float left = 0.0;
-    for (int panel = 0; panel < count && through >= SEGMENT_SPENT; ++panel) {
+    int panel = 0;
+    do {
         float right = panel_edge(panel + 1, count, thickness);
         float length = width * (right - left);
         vec3 u = part.x + width * left + length * SEGMENT_NODES;
@@ -119,6 +120,7 @@ vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part)
             through *= 1.0 - opacity;
         }
         left = right;
-    }
+        ++panel;
+    } while (panel < count && through >= SEGMENT_SPENT);
     return moments;
 }

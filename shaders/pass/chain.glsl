@@ -28,7 +28,7 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
     walk.position = band_position(band.value_low, band.inverse_width, values.x);
     float before = -BEYOND;
     uint i = 0u;
-    for (; i <= length && walk.transmittance >= frame.min_transmittance; ++i) {
+    do {
         bool leaving = i == length;
         bool goes_on = leaving ? holds(walk.band, values.y) : band_before(node) == walk.band && node.distance > before;
         if (!goes_on) return false;
@@ -42,12 +42,14 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
             position = band_position(band.value_low, band.inverse_width, values.y);
         }
         advance(distance, position, leaving ? UNKNOWN_SLOPE : (rising ? slope : -slope), leaving ? 0u : node.normal);
-        if (leaving) continue;
-        composite_level(int(node.surface & LEVEL_MASK), slope, node.normal);
-        walk.band += rising ? 1 : -1;
-        walk.position = rising ? 0.0 : 1.0;
-        if (i + 1u < length) node = take_next();
-    }
+        if (!leaving) {
+            composite_level(int(node.surface & LEVEL_MASK), slope, node.normal);
+            walk.band += rising ? 1 : -1;
+            walk.position = rising ? 0.0 : 1.0;
+        }
+        ++i;
+        if (i < length) node = take_next();
+    } while (i <= length && walk.transmittance >= frame.min_transmittance);
     if (walk.transmittance >= frame.min_transmittance) return true;
     // Behind an opaque front the rest has to go on, too: else another band might be the one in which the walk begins.
     int last = walk.band;

@@ -42,7 +42,11 @@ uint load_run(uint index, int first, inout uint length) {
 
 // Loads and sorts a list, as much of it as there is room for; returns where it goes on.
 uint load_list(uint head, inout uint length) {
-    for (int first = 0; first < RUN * RUNS && head != LIST_END; first += RUN) head = load_run(head, first, length);
+    int first = 0;
+    do {
+        head = load_run(head, first, length);
+        first += RUN;
+    } while (first < RUN * RUNS && head != LIST_END);
     return head;
 }
 
