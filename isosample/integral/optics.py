@@ -108,6 +108,27 @@ def panel_end(x0: npt.ArrayLike, x1: npt.ArrayLike, u: npt.ArrayLike) -> F64:
     return np.minimum(1.0, start + step)
 
 
+def opacity_of_panel(x: npt.ArrayLike) -> F64:
+    r"""Opacity of parts of a quadrature panel.
+
+    Parameters
+    ----------
+    x : (...) array_like of float
+        Optical depth, unitless, in [0, `PANEL_DEPTH`].
+
+    Returns
+    -------
+    opacity : (...) float64
+        :math:`1 - e^{-x}` without cancellation; the shader sums its Taylor series to :math:`x^8 / 8!`.
+
+    Raises
+    ------
+    InputError
+        If a depth is outside.
+    """
+    return np.negative(np.expm1(-within(x, "x", 0.0, PANEL_DEPTH)))
+
+
 def segment_weights(x0: npt.ArrayLike, x1: npt.ArrayLike) -> F64:
     r"""Weights of the front and the back colour of a stretch: its radiance is their weighted sum.
 

@@ -39,6 +39,19 @@ float panel_end(float x0, float x1, float u) {
     return min(1.0, u + step_u);
 }
 
+// 1 - exp(-x) of four depths x in [0, PANEL_DEPTH].
+//   Taylor series to x^8/8!: truncated relative error x^8/9! < 1.1e-8.
+vec4 opacity_of_panel(vec4 x) {
+    vec4 s = 1.0 / 5040.0 - x * (1.0 / 40320.0);
+    s = 1.0 / 720.0 - x * s;
+    s = 1.0 / 120.0 - x * s;
+    s = 1.0 / 24.0 - x * s;
+    s = 1.0 / 6.0 - x * s;
+    s = 0.5 - x * s;
+    s = 1.0 - x * s;
+    return x * s;
+}
+
 // Weights of the front and the back colour of a stretch in which extinction AND colour vary linearly:
 // radiance = w.x * c_front + w.y * c_back, w.x + w.y = opacity.
 //   By parts, with D(u) from partial_depth:  integral of c tau exp(-D) = c0 w.x + c1 w.y,
@@ -46,24 +59,28 @@ float panel_end(float x0, float x1, float u) {
 //   w.x is taken on panels of optical depth <= 1/2 with 4 Gauss-Legendre nodes. On a panel the integrand is
 //   1 - const exp(-a u - b u^2) with |8th derivative| <= 764 (reached where the extinction falls to 0 at its end),
 //   so the error is at most 5.6e-10 * 764 = 4.3e-7 times its width and the transmittance before it: 4.3e-7 in all.
+//   With the depth from the panel's own start, 1 - exp(-D) = b + (1 - b) (1 - exp(-d)), where b is what is blocked before
+//   it: a short series is enough at the nodes.
+// The loop ends with its condition: where one begins with it, software renderers execute it once more.
 // Error: 4.3e-7 of the quadrature, exp(-18) = 1.5e-8 behind the last panel, gamma(56) of roundings at the very worst:
 // |err| <= 3.8e-6 for each weight and any x0, x1 >= 0 (3.2e-7 was seen). Where x0, x1 <= 1/2 the relative error of w.x
 // is below gamma(28) + 4e-7: thin stretches keep their colour.
 vec2 segment_weights(float x0, float x1) {
+    const vec4 nodes = vec4(0.069431844202973712, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629);
+    const vec4 shares = vec4(0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693);
     float opacity = opacity_from_depth(0.5 * (x0 + x1));
     float front = 0.0;
     float u = 0.0;
-    for (int panel = 0; panel < MAX_PANELS && u < 1.0; ++panel) {
+    int panel = 0;
+    do {
         float end = panel_end(x0, x1, u);
         float width = end - u;
-        vec4 nodes = u + width * vec4(0.069431844202973712, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629);
-        vec4 depths = nodes * (x0 + 0.5 * nodes * (x1 - x0));
-        vec4 opacities = vec4(opacity_from_depth(depths.x), opacity_from_depth(depths.y),
-                              opacity_from_depth(depths.z), opacity_from_depth(depths.w));
-        front += width * dot(opacities, vec4(0.17392742256872693, 0.32607257743127307,
-                                             0.32607257743127307, 0.17392742256872693));
+        float blocked = opacity_from_depth(partial_depth(x0, x1, u));
+        vec4 depths = nodes * (width * (x0 + u * (x1 - x0)) + 0.5 * nodes * (width * (width * (x1 - x0))));
+        front += width * (blocked + (1.0 - blocked) * dot(shares, opacity_of_panel(depths)));
         u = end;
-    }
+        ++panel;
+    } while (u < 1.0 && panel < MAX_PANELS);
     front = min(front + (1.0 - u), opacity); // past the last panel the opacity is 1 to float32 rounding
     return vec2(front, opacity - front);
 }

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from isosample.integral.optics import (
     PANEL_DEPTH,
     opacity_from_depth,
+    opacity_of_panel,
     panel_end,
     partial_depth,
     segment_weights,
@@ -40,9 +41,14 @@ if TYPE_CHECKING:
     from shaders.twins import F32
 
 OPTICS = "lib/optics.glsl"
-# Quadrature (4.31e-7, tests/integral/test_optics.py), the ray behind the last panel, and roundings in units:
-# depth of a node 18 D exp(−D) <= 6.7, exp <= 5.4, dot product 5, panel width 2, up to 36 sums of at most
-# sqrt(k / 36): 24, the rest of the ray 2; the back weight adds the opacity's 5.4 + 2. Together 53.
+# Quadrature (4.31e-7, tests/integral/test_optics.py), the ray behind the last panel, and roundings in units, each times the
+# widths of the panels, which are 1 in all, with s = x1 − x0 and the extinction x_u at a panel's start u:
+#   what is blocked before it: 5.4, and of its depth D 5 D exp(−D) <= 1.9 (three times that where x falls to 0);
+#   x_u times the width w <= 1: 2 |s| u + 2 x_u, where x rises at most 4; where it falls, 2 x0 times the sum of
+#   w² exp(−D) <= e^½ times the integral of exp(−x0 u / 2): 6.6; s w² / 2 <= ½, four roundings: 2; their sum and product: 2;
+#   series 4 and dot product 4 of at most 0.4: 3.2, truncated 0.1; 1 − b and its product 0.8, two more 2, the width 1;
+#   up to 36 sums of at most sqrt(k / 36): 24, where x falls 1 − sqrt(1 − k / 36): 13; the rest of the ray 2.
+# The back weight adds the opacity's 5.4 + 2. Together 56 where x rises, 53 where it falls.
 STATED_WEIGHT_ERROR = 4.31e-7 + math.exp(-18.0) + gamma(56)
 
 
@@ -58,6 +64,13 @@ def _assert_opacity(gl: moderngl.Context, depth: F32, root: Path | None = None) 
     found = call(gl, OPTICS, "float opacity_from_depth(float x)", depth, root=root)
     exact = depth.astype(np.float64)
     assert_within(found, opacity_from_depth(exact), _opacity_bound(exact))
+
+
+def _assert_panel_opacity(gl: moderngl.Context, depths: F32, root: Path | None = None) -> None:
+    found = call(gl, OPTICS, "vec4 opacity_of_panel(vec4 x)", depths, root=root)
+    opacity = opacity_of_panel(depths.astype(np.float64))
+    # As of opacity_from_depth: every step of the nested series passes on x / k <= 1/4 of the error of the step inside.
+    assert_within(found, opacity, (gamma(4) + 1.1e-8) * opacity + TINY)
 
 
 def _assert_partial_depth(gl: moderngl.Context, x0: F32, x1: F32, u: F32, root: Path | None = None) -> None:
@@ -101,9 +114,9 @@ def _assert_weights(gl: moderngl.Context, x0: F32, x1: F32, root: Path | None = 
     # The sum of both and the difference that makes one of them: 2 roundings, and one of the depth itself.
     sums = found.astype(np.float64).sum(axis=-1)
     assert_within(sums, opacity_from_depth(depth), _opacity_bound(depth) + gamma(3))
-    # Thin: roundings in units are 18 of a node's depth, 4 of its opacity, 5 of the dot product, 1 of the
-    # width. The 8th derivative is <= 764 x⁴ for x the larger end, and the front weight >= 0.14 x: the
-    # quadrature errs by 4.31e-7 / 0.14 x³ of it.
+    # Thin: one panel of width 1 behind nothing. Roundings in units are 12 of a node's depth, 4 of its opacity, 5 of
+    # the dot product. The 8th derivative is <= 764 x⁴ for x the larger end, and the front weight >= 0.14 x: the
+    # quadrature errs by 4.31e-7 / 0.14 x³ of it, 3.9e-7; the truncated series by 1.1e-8.
     thin = np.maximum(front, back) <= 0.5
     front_bound = (gamma(28) + 4e-7) * expected[thin, 0] + TINY
     assert_within(found[thin, 0], expected[thin, 0], front_bound)
@@ -115,6 +128,13 @@ def _stretches() -> tuple[F32, F32]:
     ends = np.concatenate([[0.0], np.geomspace(1e-12, 1e6, 90), np.linspace(0.1, 40.0, 60)])
     pairs = np.array(list(itertools.product(ends, ends)), np.float32)
     return pairs[:, 0].copy(), pairs[:, 1].copy()
+
+
+def _panel_depths() -> tuple[F32]:
+    depths = np.concatenate(
+        [[0.0], np.geomspace(1e-30, PANEL_DEPTH, 3999), np.linspace(0.0, PANEL_DEPTH, 4000)]
+    )
+    return (depths.astype(np.float32).reshape(-1, 4),)
 
 
 def _panels() -> tuple[F32, F32, F32]:
@@ -145,6 +165,10 @@ def test_opacity_is_exact_at_zero_and_for_opaque_paths(gl: moderngl.Context) -> 
 @given(depth=columns(0, 0.0, 64.0))
 def test_opacity_agrees_for_any_depth(gl: moderngl.Context, depth: F32) -> None:
     _assert_opacity(gl, depth)
+
+
+def test_opacity_of_a_panel_keeps_its_stated_error(gl: moderngl.Context) -> None:
+    _assert_panel_opacity(gl, *_panel_depths())
 
 
 def test_partial_depth_agrees_with_its_twin(gl: moderngl.Context) -> None:
@@ -186,7 +210,14 @@ def test_segment_weights_agree_for_any_stretch(gl: moderngl.Context, x0: F32, x1
         ("(x0 + 0.5 * u *", "(x0 + 0.50001 * u *", _assert_partial_depth, _panels),
         ("step_u = 2.0 *", "step_u = 2.0001 *", _assert_panel_end, _panels),
         ("vec4(0.0694318", "vec4(0.0695318", _assert_weights, _stretches),
-        ("0.32607257743127307,\n", "0.32617257743127307,\n", _assert_weights, _stretches),
+        (
+            "vec4(0.17392742256872693, 0.32607257743127307",
+            "vec4(0.17392742256872693, 0.32617257743127307",
+            _assert_weights,
+            _stretches,
+        ),
+        ("1.0 / 120.0 - x", "1.0 / 121.0 - x", _assert_panel_opacity, _panel_depths),
+        ("partial_depth(x0, x1, u));", "partial_depth(x0, x1, 0.999 * u));", _assert_weights, _stretches),
         ("MAX_PANELS = 36", "MAX_PANELS = 16", _assert_weights, _stretches),
     ],
 )
