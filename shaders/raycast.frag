@@ -10,6 +10,12 @@
 #ifndef TRANSFER
 #error "TRANSFER: 0 straight lines between the points, 1 a texture"
 #endif
+#ifndef FEW_BANDS
+#error "FEW_BANDS: 1 where no bin of the transfer function meets more than two bands, 0 where one may"
+#endif
+#ifndef SURFACES
+#error "SURFACES: 1 where there are isosurfaces, 0 where there are none"
+#endif
 #ifndef METHOD
 #error "METHOD: 0 post-classified, 1 pre-integrated, 2 peak finding"
 #endif

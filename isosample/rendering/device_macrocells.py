@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64
     from isosample.volume.macrocells import MacrocellGrid
 
+LEAP_BITS = int(shared_constants()["LEAP_BITS"])
+
 
 class DeviceMacrocells:
     """The texture of the macrocells.
@@ -35,7 +37,8 @@ class DeviceMacrocells:
         self._grid = grid
         self._settings = settings
         z, y, x = grid.low.shape
-        self._texture = ctx.texture3d((x, y, z), 2, dtype="u1", alignment=1)
+        self._texture = ctx.texture3d((x, y, z), 1, dtype="u4")
+        self._texture.filter = (ctx.NEAREST, ctx.NEAREST)
         self.occupied = 0
         self.update(intervals)
 
@@ -43,11 +46,14 @@ class DeviceMacrocells:
         """Find the empty macrocells again, for another transfer function; the volume is not read."""
         occupied = self._grid.occupancy(intervals)
         self.occupied = int(occupied.sum())
-        cells = np.zeros((*occupied.shape, 2), dtype=np.uint8)
+        multipliers = self._grid.multipliers if self._settings.adaptive else np.uint8(1)
+        texels = np.full(occupied.shape, multipliers, dtype=np.uint32) << LEAP_BITS
         if self._settings.skipping:
-            cells[..., 0] = self._grid.leaps(occupied)
-        cells[..., 1] = self._grid.multipliers if self._settings.adaptive else 1
-        self._texture.write(cells.tobytes(), alignment=1)
+            packed = np.zeros(occupied.shape, dtype=np.uint32)
+            for octant, leaps in enumerate(self._grid.leaps(occupied)):
+                packed |= leaps.astype(np.uint32) << (octant * LEAP_BITS)
+            texels[~occupied] = packed[~occupied]
+        self._texture.write(texels.tobytes())
 
     @property
     def count(self) -> int:

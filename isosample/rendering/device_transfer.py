@@ -19,7 +19,12 @@ from isosample.rendering.raycast_settings import (
     Quadrature,
     TransferLookup,
 )
-from isosample.rendering.transfer_texture import shown_peaks, transfer_texels, visible_intervals
+from isosample.rendering.transfer_texture import (
+    has_few_bands,
+    shown_peaks,
+    transfer_texels,
+    visible_intervals,
+)
 from isosample.transfer.peaks import peak_table
 from isosample.transfer.table_sizes import layer_lengths
 from isosample.transfer.value_bands import ValueBands
@@ -89,7 +94,9 @@ class DeviceTransfer:
         self._peaks = shown_peaks(transfer_function, scale) if finds else []
         self._textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}
         try:
-            for name, texels in self._tables().items():
+            tables = self._tables()
+            self._few_bands = has_few_bands(tables["TRANSFER"])
+            for name, texels in tables.items():
                 self._textures[name] = new_texture(ctx, texels)
         except BaseException:
             self.release()
@@ -128,6 +135,8 @@ class DeviceTransfer:
             "PEAK_WEIGHT": PEAK_WEIGHTS[settings.peak_weight],
             "CROSSINGS": CROSSINGS[settings.crossings],
             "PEAKS": settings.peaks,
+            "FEW_BANDS": int(self._few_bands),
+            "SURFACES": int(bool((self._bands.impulses[:, 3] > 0.0).any())),
         }
 
     def fill(self, block: np.void) -> None:

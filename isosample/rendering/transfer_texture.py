@@ -61,8 +61,13 @@ def transfer_texels(
     return np.concatenate([*blocks, table.reshape(rows, width, 4)]).astype(np.float32)
 
 
+def has_few_bands(texels: F32) -> bool:
+    """Whether no bin of these texels meets more than two bands."""
+    return bool((texels[0, :, 1] - texels[0, :, 0]).max() <= 1.0)
+
+
 def _bins(bands: ValueBands, count: int) -> F64:
-    """(count, 4): first and last band of every bin of [0, 1], and the largest extinction in these; 0.
+    """(count, 4): first and last band of every bin of [0, 1], the largest extinction in these, the first one's end.
 
     The outer bins hold all values beyond them.
     """
@@ -70,6 +75,7 @@ def _bins(bands: ValueBands, count: int) -> F64:
     edges[0], edges[-1] = 0, len(bands.levels)
     bins = np.zeros((count, 4))
     bins[:, 0], bins[:, 1] = edges[:-1], edges[1:]
+    bins[:, 3] = bands.ends[edges[:-1], 1]
     largest = bands.optics[:, :, 3].max(axis=1)
     bins[:, 2] = [largest[first : last + 1].max() for first, last in itertools.pairwise(edges)]
     return bins

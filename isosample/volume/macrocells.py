@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Bytes = npt.NDArray[np.uint8]
     Layers = SampleArray | LazySamples
 
-LARGEST_LEAP = 255
+LARGEST_LEAP = 15
 LARGEST_MULTIPLIER = 16
 
 
@@ -130,7 +130,7 @@ class MacrocellGrid:
         return occupied
 
     def leaps(self, occupied: Bools) -> Bytes:
-        """How far one may leap from every macrocell.
+        """How far one may leap from every macrocell in each of eight octants of directions.
 
         Parameters
         ----------
@@ -138,17 +138,22 @@ class MacrocellGrid:
 
         Returns
         -------
-        leaps : (MZ, MY, MX) uint8
-            0 where occupied; else d >= 1, with which all macrocells fewer than d away along every axis are empty:
-            the chessboard distance to the nearest occupied one, at most 255.
+        leaps : (8, MZ, MY, MX) uint8
+            0 where occupied; else d >= 1, with which the d macrocells from this one on along every axis, d³ in all,
+            are empty, as is what is beyond the grid: at most 15. In the octant of number n they ascend along x where n
+            has the bit 1, along y where it has the bit 2, along z where it has the bit 4; else they descend.
         """
-        from scipy.ndimage import distance_transform_cdt
-
-        if not occupied.any():
-            return np.full(occupied.shape, LARGEST_LEAP, dtype=np.uint8)
-        distances = distance_transform_cdt(~occupied, metric="chessboard")
-        leaps: Bytes = np.minimum(distances, LARGEST_LEAP).astype(np.uint8)
-        return leaps
+        found = np.zeros((8, *occupied.shape), dtype=np.uint8)
+        border = LARGEST_LEAP - 1
+        empty = np.pad(~occupied, border, constant_values=True)
+        for leap in range(1, LARGEST_LEAP + 1):
+            if leap > 1:  # `empty` tells of cubes of `leap` macrocells, by their first one
+                empty = _both(_both(_both(empty, 0), 1), 2)
+            for octant in range(8):
+                starts = [border if octant >> axis & 1 else border - (leap - 1) for axis in (2, 1, 0)]
+                z, y, x = (slice(a, a + n) for a, n in zip(starts, occupied.shape, strict=True))
+                found[octant] += empty[z, y, x]
+        return found
 
     @cached_property
     def deviation(self) -> F64:
@@ -185,6 +190,13 @@ def _grid_shape(volume: Volume, cells: int) -> Triple:
     """Macrocells along z, y, x."""
     x, y, z = (max(1, -(-(count - 1) // cells)) for count in volume.size_xyz)
     return (z, y, x)
+
+
+def _both(empty: Bools, axis: int) -> Bools:
+    """Whether a place and the next along an axis are empty; one place less than given."""
+    places = np.moveaxis(empty, axis, 0)
+    both: Bools = np.moveaxis(places[:-1] & places[1:], 0, axis)
+    return both
 
 
 def _ranges(samples: Layers, shape: Triple, cells: int, width: int) -> tuple[F64, F64]:

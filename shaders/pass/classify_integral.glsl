@@ -23,10 +23,10 @@ Known known_back;
 Known known_at(float value) {
     float shown = clamp(value, 0.0, 1.0);
     int cell = min(int(shown * float(INTEGRAL_CELLS)), INTEGRAL_CELLS - 1);
-    ivec2 texel = ivec2(cell % BAND_START_COUNT, cell / BAND_START_COUNT);
-    vec4 before = texelFetch(integrals, texel, 0);
-    vec4 lost = texelFetch(integrals, texel + ivec2(0, INTEGRAL_ROWS / 3), 0);
-    vec4 mean = texelFetch(integrals, texel + ivec2(0, 2 * INTEGRAL_ROWS / 3), 0);
+    vec2 place = vec2(float(cell % BAND_START_COUNT) + 0.5, float(cell / BAND_START_COUNT) + 0.5) / vec2(BAND_START_COUNT, INTEGRAL_ROWS);
+    vec4 before = textureLod(integrals, place, 0.0);
+    vec4 lost = textureLod(integrals, place + vec2(0.0, 1.0 / 3.0), 0.0);
+    vec4 mean = textureLod(integrals, place + vec2(0.0, 2.0 / 3.0), 0.0);
     return Known(shown, before, lost + (shown - float(cell) / float(INTEGRAL_CELLS)) * mean, mean);
 }
 

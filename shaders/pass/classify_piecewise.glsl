@@ -39,7 +39,7 @@ void composite_bands(Stretch stretch, ValuePlace near, ValuePlace far, bool surf
                            mix(low, high, band_position(range.x, range.w, back)));
         }
         if (ends) break;
-        if (surfaces) composite_surface(end, band_texel(rising ? band : band - 1, TEXEL_IMPULSE));
+        if (SURFACES == 1 && surfaces) composite_surface(end, band_texel(rising ? band : band - 1, TEXEL_IMPULSE));
         band += rising ? 1 : -1;
         start = end;
         front = back;

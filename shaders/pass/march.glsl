@@ -11,12 +11,12 @@ struct March {
     ivec3 macrocell;
 };
 
-// A macrocell, or a block of empty ones around it, and where the ray leaves it.
+// The empty macrocells that a ray leaps over, or a single one, and where the ray leaves them.
 struct Room {
-    ivec3 low;                            // first macrocell
-    ivec3 high;                           // one behind the last
-    float exit;                           // [world]
-    int axis;                             // normal of the face through which it leaves
+    vec3 near;                            // macrocell in which the ray is
+    vec3 far;                             // last of the room, along every axis in the direction of the ray
+    vec3 exits;                           // distances at which it leaves the room through the faces across each axis [world]
+    float exit;                           // the least of them, but not before the ray's entry into the macrocell [world]
 };
 
 float numbered_distance(int number) {
@@ -43,17 +43,14 @@ RayState state_of(March march) {
     return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, macrocell_xy, uint(march.macrocell.z), ray.samples);
 }
 
-// The macrocell, or, `leap` > 0, the block of those less than `leap` away from it.
-Room room_around(March march, int leap) {
-    int reach = max(leap - 1, 0);
+// The macrocells less than `leap` behind one, along every axis in the direction of the ray.
+Room room_behind(March march, float leap) {
     Room room;
-    room.low = max(march.macrocell - reach, ivec3(0));
-    room.high = min(march.macrocell + reach + 1, raycast.macrocells.xyz);
-    bvec3 ascends = greaterThan(ray.index_direction, vec3(0.0));
-    vec3 bounds = float(raycast.macrocells.w) * mix(vec3(room.low), vec3(room.high), ascends);
-    vec3 exits = mix(ray.start + (bounds - ray.index_start) / ray.index_direction, vec3(FAR), equal(ray.index_direction, vec3(0.0)));
-    room.axis = exits.x <= exits.y && exits.x <= exits.z ? 0 : exits.y <= exits.z ? 1 : 2;
-    room.exit = max(min(exits.x, min(exits.y, exits.z)), march.entry);
+    room.near = vec3(march.macrocell);
+    room.far = room.near + (leap - 1.0) * ray.towards;
+    vec3 faces = float(raycast.macrocells.w) * (room.far + 0.5 + 0.5 * ray.towards);
+    room.exits = mix(ray.start + (faces - ray.index_start) * ray.inverse, vec3(FAR), equal(ray.inverse, vec3(0.0)));
+    room.exit = max(min(room.exits.x, min(room.exits.y, room.exits.z)), march.entry);
     return room;
 }
 
@@ -61,58 +58,68 @@ Room room_around(March march, int leap) {
 bool leave(Room room, inout March march) {
     march.entry = room.exit;
     vec3 index = ray.index_start + (room.exit - ray.start) * ray.index_direction;
-    ivec3 beside = clamp(ivec3(floor(index / float(raycast.macrocells.w))), room.low, room.high - 1);
-    ivec3 behind = mix(room.low - 1, room.high, greaterThan(ray.index_direction, vec3(0.0)));
-    ivec3 next = mix(beside, behind, equal(ivec3(0, 1, 2), ivec3(room.axis)));
-    march.macrocell = next;
-    return room.exit < ray.seen.y && all(greaterThanEqual(next, ivec3(0))) && all(lessThan(next, raycast.macrocells.xyz));
+    vec3 beside = clamp(floor(index / float(raycast.macrocells.w)), min(room.near, room.far), max(room.near, room.far));
+    vec3 next = mix(beside, room.far + ray.towards, lessThanEqual(room.exits, vec3(room.exit)));
+    march.macrocell = ivec3(next);
+    return room.exit < ray.seen.y && all(greaterThanEqual(march.macrocell, ivec3(0))) && all(lessThan(march.macrocell, raycast.macrocells.xyz));
 }
+
+uint macrocell_texel(ivec3 macrocell) {
+    return textureLod(macrocells, (vec3(macrocell) + 0.5) / vec3(raycast.macrocells.xyz), 0.0).r;
+}
+
+// Of a texel of the macrocells: whether something is seen there; of others, how far the ray may leap; steps to be taken as one.
+bool occupied(uint texel) { return (texel & LEAP_MASK) == 0u; }
+float leap_of(uint texel) { return float(bitfieldExtract(texel, ray.octant * LEAP_BITS, LEAP_BITS)); }
+int multiplier_of(uint texel) { return int(texel >> LEAP_BITS); }
 
 ivec3 macrocell_at(vec3 index) {
     return min(ivec3(index * (1.0 / float(raycast.macrocells.w))), raycast.macrocells.xyz - 1);
 }
 
-// Number of the sample after one. Steps of `multiplier` samples stay inside the macrocell of both their ends; a step into
+// Number of the sample after one. Steps of several samples stay inside the macrocell of both their ends; a step into
 // it and one out of it are of a single sample.
-int next_number(March march, uint multiplier) {
+int next_number(March march, uint texel) {
 #if ADAPTIVE
     ivec3 here = macrocell_at(ray_at(numbered_distance(march.number)));
-    Room room = room_around(march, 0);
-    int inside = int(floor(number_at(min(room.exit, ray.end))));
-    if (here == march.macrocell && march.number < inside) return min(march.number + int(multiplier), inside);
+    int inside = int(floor(number_at(min(room_behind(march, 1.0).exit, ray.end))));
+    if (here == march.macrocell && march.number < inside) return min(march.number + multiplier_of(texel), inside);
 #endif
     return march.number + 1;
 }
 
 // Composites stretches until a sample lies in an empty macrocell, or the ray ends: software renderers execute what is
-// inside a loop, taken or not, so there is nothing in this one but a sample, its stretch and a look at its macrocell.
+// inside a loop, taken or not, so there is nothing in this one but a sample, its stretch and a look at its macrocell, and it
+// ends with its condition: one that begins with it is executed once more.
 // `texel` is that of the macrocells at `march.macrocell`.
-void run(int last, inout March march, inout uvec4 texel, inout uint visited, inout int loops) {
+void run(int last, inout March march, inout uint texel, inout uint visited, inout int loops) {
     float start = numbered_distance(march.number);
     if (march.number != ray.sampled) {
         ray.value = field(ray_at(start));
         ++ray.samples;
     }
     meet(ray.value);
-    bool on = true;
-    while (on) {
-        march.number = next_number(march, texel.g);
+    int turns = 0;
+    bool on;
+    spent_loops = 0;
+    do {
+        march.number = next_number(march, texel);
         float end = numbered_distance(march.number);
         vec3 index = ray_at(end);
         float back = field(index);
-        ++ray.samples;
         meet(back);
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
-        loops -= 1 + spent_loops / TURNS_OF_LOOP;
-        spent_loops = 0;
         start = end;
         ray.value = back;
         ivec3 next = macrocell_at(index);
-        texel = texelFetch(macrocells, next, 0);
-        if (texel.r == 0u && next != march.macrocell) ++visited;
+        texel = macrocell_texel(next);
+        if (occupied(texel) && next != march.macrocell) ++visited;
         march.macrocell = next;
-        on = texel.r == 0u && march.number < last && ray.transmittance >= frame.min_transmittance && loops > 0;
-    }
+        ++turns;
+        on = occupied(texel) && march.number < last && ray.transmittance >= frame.min_transmittance && turns + spent_loops / TURNS_OF_LOOP < loops;
+    } while (on);
+    ray.samples += uint(turns);
+    loops -= turns + spent_loops / TURNS_OF_LOOP;
     ray.sampled = march.number;
     march.entry = start;
 }
@@ -124,21 +131,26 @@ bool march_on(inout March march) {
     uint skipped = 0u;
     int last = int(ceil(number_at(ray.seen.y)));
     bool ended = march.number >= last;
-    uvec4 texel = texelFetch(macrocells, march.macrocell, 0);
-    while (!ended && loops > 0) {
-        while (texel.r > 0u && !ended && loops > 0) {
-            --loops;
-            ++skipped;
-            ended = !leave(room_around(march, int(texel.r)), march);
-            if (!ended) texel = texelFetch(macrocells, march.macrocell, 0);
+    uint texel = macrocell_texel(march.macrocell);
+    if (!ended) do {
+        if (!occupied(texel)) {
+            bool on;
+            do {
+                --loops;
+                ++skipped;
+                ended = !leave(room_behind(march, leap_of(texel)), march);
+                if (!ended) texel = macrocell_texel(march.macrocell);
+                on = !ended && !occupied(texel) && loops > 0;
+            } while (on);
         }
         march.number = max(march.number, int(floor(number_at(march.entry))));
         ended = ended || march.number >= last;
-        if (ended || texel.r > 0u) break;
-        ++visited;
-        run(last, march, texel, visited, loops);
-        ended = march.number >= last || ray.transmittance < frame.min_transmittance;
-    }
+        if (!ended && occupied(texel)) {
+            ++visited;
+            run(last, march, texel, visited, loops);
+            ended = march.number >= last || ray.transmittance < frame.min_transmittance;
+        }
+    } while (!ended && loops > 0);
     if (visited > 0u) atomicAdd(counters.macrocells, visited);
     if (skipped > 0u) atomicAdd(counters.skipped, skipped);
     if (ended && ray.transmittance < frame.min_transmittance) atomicAdd(counters.terminated_rays, 1u);

@@ -50,6 +50,13 @@ BlockRay block_ray(ivec2 block, out vec2 around) {
     return ray;
 }
 
+// The leap that may be taken in every octant, 0 where something is seen.
+float leap_all_around(uint texel) {
+    uint least = texel & LEAP_MASK;
+    for (int octant = 1; octant < 8; ++octant) least = min(least, bitfieldExtract(texel, octant * LEAP_BITS, LEAP_BITS));
+    return float(least);
+}
+
 // How far from `distance` on, along the ray (sign 1) or against it (-1), every ray of the block is inside macrocells that are
 // known to be empty; below 0 if they are not [world]. Beyond the grid all is empty: from a place outside, macrocells are at
 // least as far away as from the nearest one of the grid, and as that is from the place.
@@ -58,8 +65,7 @@ float leap(BlockRay ray, float distance, float sign) {
     vec3 place = floor(index / float(raycast.macrocells.w));
     vec3 nearest = clamp(place, vec3(0.0), vec3(raycast.macrocells.xyz - 1));
     vec3 outside = abs(place - nearest);
-    uint known = texelFetch(macrocells, ivec3(nearest), 0).r;
-    float empty = max(float(known), max(outside.x, max(outside.y, outside.z)));
+    float empty = max(leap_all_around(texelFetch(macrocells, ivec3(nearest), 0).r), max(outside.x, max(outside.y, outside.z)));
     vec3 reach = ray.reach + distance * ray.widening;
     vec3 widening = max(sign, 0.0) * ray.widening;
     vec3 to_low = index - reach - float(raycast.macrocells.w) * (place - (empty - 1.0));

@@ -21,6 +21,9 @@ struct Ray {
     vec2 seen;                            // distances outside of which all macrocells are empty [world]
     vec3 index_start;                     // sample index at `start`
     vec3 index_direction;                 // sample indices per world unit
+    vec3 inverse;                         // world units per sample index along each axis, 0 where it runs along none
+    vec3 towards;                         // 1 where the index ascends along the ray, else -1
+    int octant;                           // of the leaps that the ray takes
     float growth;                         // of the steps [world]
     float shift;                          // of the samples, in steps
     vec3 radiance;
@@ -101,6 +104,11 @@ void begin_ray(ivec2 pixel) {
                            dot(raycast.index_row_z.xyz, entry) + raycast.index_row_z.w);
     ray.index_direction = vec3(dot(raycast.index_row_x.xyz, ray.direction), dot(raycast.index_row_y.xyz, ray.direction),
                                dot(raycast.index_row_z.xyz, ray.direction));
+    bvec3 across = equal(ray.index_direction, vec3(0.0));
+    ivec3 ascends = ivec3(greaterThan(ray.index_direction, vec3(0.0)));
+    ray.inverse = mix(1.0 / mix(ray.index_direction, vec3(1.0), across), vec3(0.0), across);
+    ray.towards = vec3(2 * ascends - 1);
+    ray.octant = ascends.x + 2 * ascends.y + 4 * ascends.z;
     ray.growth = frame.perspective * raycast.differential * raycast.step * direction_differential(direction, frame.span_right);
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
@@ -139,7 +147,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
     states[place].sample_index = -1;
     if (ray.samples > 0u) {
         atomicAdd(counters.samples, ray.samples);
-        atomicMax(counters.most_samples, ray.samples);
+        if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
     }
     color = vec4(ray.radiance, 1.0 - ray.transmittance) + ray.transmittance * frame.background;
     return true;

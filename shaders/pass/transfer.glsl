@@ -7,26 +7,37 @@ layout(binding = UNIT_TRANSFER) uniform sampler2D transfer;
 
 const int FIRST_BAND_ROW = TRANSFER == 1 ? 1 + SAMPLED_ROWS : 1;
 
+vec2 transfer_size = vec2(textureSize(transfer, 0));   // computed once per call of the shader
+
+// A texel by its number: the nearest to its middle, for which llvmpipe takes half the instructions of texelFetch.
+vec4 transfer_texel(ivec2 texel) { return textureLod(transfer, (vec2(texel) + 0.5) / transfer_size, 0.0); }
+
 vec4 band_texel(int band, int texel) {
     int place = band * BAND_TEXELS + texel;
-    return texelFetch(transfer, ivec2(place % BAND_START_COUNT, FIRST_BAND_ROW + place / BAND_START_COUNT), 0);
+    return transfer_texel(ivec2(place % BAND_START_COUNT, FIRST_BAND_ROW + place / BAND_START_COUNT));
 }
 
 vec4 bin_of(float value) {
-    return texelFetch(transfer, ivec2(clamp(value * float(BAND_START_COUNT), 0.0, float(BAND_START_COUNT - 1)), 0), 0);
+    return transfer_texel(ivec2(clamp(value * float(BAND_START_COUNT), 0.0, float(BAND_START_COUNT - 1)), 0));
 }
 
 // Band of a bin that holds a value; one equal to a level belongs to the band above.
 int band_in(vec4 bin, float value) {
+#if FEW_BANDS
+    return value >= bin.w ? int(bin.y) : int(bin.x);
+#else
     int low = int(bin.x);
     int high = int(bin.y);
-    while (low < high) {
-        int middle = (low + high) / 2;
-        bool above = value >= band_texel(middle, TEXEL_RANGE).y;
-        low = above ? middle + 1 : low;
-        high = above ? high : middle;
+    if (low < high) {
+        do {
+            int middle = (low + high) / 2;
+            bool above = value >= band_texel(middle, TEXEL_RANGE).y;
+            low = above ? middle + 1 : low;
+            high = above ? high : middle;
+        } while (low < high);
     }
     return low;
+#endif
 }
 
 int band_of(float value) { return band_in(bin_of(value), value); }
@@ -44,7 +55,7 @@ vec4 optics_at(float value) {
     ivec2 places = ivec2(below, below + 1);
     ivec2 rows = places / BAND_START_COUNT;
     places -= rows * BAND_START_COUNT;
-    return mix(texelFetch(transfer, ivec2(places.x, rows.x + 1), 0), texelFetch(transfer, ivec2(places.y, rows.y + 1), 0),
+    return mix(transfer_texel(ivec2(places.x, rows.x + 1)), transfer_texel(ivec2(places.y, rows.y + 1)),
                entry - float(below));
 #else
     int band = band_of(value);

@@ -147,21 +147,33 @@ def test_a_macrocell_is_occupied_if_it_meets_an_interval(intervals: F64, seed: i
 @given(occupied=arrays(np.bool_, (5, 6, 7), elements=st.floats(0, 1).map(lambda part: part > 0.95)))
 def test_leaps_touch_no_occupied_macrocell_and_are_as_long_as_can_be(occupied: Bools) -> None:
     leaps = build(np.zeros((2, 2, 2))).leaps(occupied)
-    for place in np.ndindex(*occupied.shape):
-        leap = int(leaps[place])
-        assert (leap == 0) == occupied[place]
-        if leap:
-            near = tuple(slice(max(n - leap + 1, 0), n + leap) for n in place)
-            assert not occupied[near].any()
-        if leap < module.LARGEST_LEAP:
-            assert occupied[tuple(slice(max(n - leap, 0), n + leap + 1) for n in place)].any()
+    assert leaps.shape == (8, *occupied.shape)
+    for octant in range(8):
+        ascends = [bool(octant & bit) for bit in (4, 2, 1)]  # along z, y, x
+        for place in np.ndindex(*occupied.shape):
+            leap = int(leaps[octant][place])
+            assert (leap == 0) == occupied[place]
+            assert not occupied[_cube(place, ascends, leap)].any()
+            if leap < module.LARGEST_LEAP:
+                assert occupied[_cube(place, ascends, leap + 1)].any()
 
 
-def test_leaps_stop_at_what_a_byte_holds() -> None:
-    occupied = np.zeros((1, 1, 400), dtype=np.bool_)
+def _cube(place: tuple[int, ...], ascends: list[bool], edge: int) -> tuple[slice, ...]:
+    """Macrocells from one on, along every axis upwards or downwards, as far as the grid goes."""
+    return tuple(
+        slice(n, n + edge) if up else slice(max(n - edge + 1, 0), n + 1)
+        for n, up in zip(place, ascends, strict=True)
+    )
+
+
+def test_leaps_stop_at_what_four_bits_hold() -> None:
+    assert module.LARGEST_LEAP == 2**4 - 1
+    occupied = np.zeros((1, 1, 40), dtype=np.bool_)
     occupied[0, 0, 0] = True
     leaps = build(np.zeros((2, 2, 2))).leaps(occupied)
-    assert leaps[0, 0].tolist() == [min(n, 255) for n in range(400)]
+    for octant in range(8):
+        behind = [0] + [15] * 39  # nothing but the border is ahead, or the one that is occupied
+        assert leaps[octant, 0, 0].tolist() == (behind if octant & 1 else [min(n, 15) for n in range(40)])
 
 
 def test_another_transfer_function_reads_no_sample() -> None:
