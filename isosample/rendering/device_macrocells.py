@@ -39,6 +39,7 @@ class DeviceMacrocells:
         z, y, x = grid.low.shape
         self._texture = ctx.texture3d((x, y, z), 1, dtype="u4")
         self._texture.filter = (ctx.NEAREST, ctx.NEAREST)
+        self._texture.repeat_x = self._texture.repeat_y = self._texture.repeat_z = False
         self.occupied = 0
         self.update(intervals)
 

@@ -153,8 +153,6 @@ struct RayState {
     vec4 light;          // radiance, transmittance
     int sample_index;    // next sample; -1: done
     float entry;         // distance at which the macrocell was entered [world]
-    uint macrocell_xy;   // macrocell: x in the low 16 bits, y in the high
-    uint macrocell_z;
     uint samples;        // so far
 };
 

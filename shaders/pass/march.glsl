@@ -8,15 +8,7 @@ const int TURNS_OF_LOOP = 8;              // of the loops inside a stretch, that
 struct March {
     int number;                           // sample at which the next stretch begins
     float entry;                          // distance at which the ray entered `macrocell` [world]
-    ivec3 macrocell;
-};
-
-// The empty macrocells that a ray leaps over, or a single one, and where the ray leaves them.
-struct Room {
-    vec3 near;                            // macrocell in which the ray is
-    vec3 far;                             // last of the room, along every axis in the direction of the ray
-    vec3 exits;                           // distances at which it leaves the room through the faces across each axis [world]
-    float exit;                           // the least of them, but not before the ray's entry into the macrocell [world]
+    vec3 macrocell;                       // in the ray's own octant, in which it ascends along every axis; maybe beyond the grid
 };
 
 float numbered_distance(int number) {
@@ -26,64 +18,50 @@ float numbered_distance(int number) {
 
 float number_at(float distance) { return sample_number(raycast.step, ray.growth, distance) - ray.shift; }
 
-March fresh_march() {
-    ivec3 macrocell = clamp(ivec3(ray_at(ray.seen.x)) / raycast.macrocells.w, ivec3(0), raycast.macrocells.xyz - 1);
-    return March(int(floor(number_at(ray.seen.x))), ray.seen.x, macrocell);
-}
+vec3 macrocell_at(float distance) { return floor(ray.macro_start + (distance - ray.start) * ray.macro_direction); }
+
+March fresh_march() { return March(int(floor(number_at(ray.seen.x))), ray.seen.x, macrocell_at(ray.seen.x)); }
 
 March resumed_march(RayState state) {
     ray.radiance = state.light.rgb;
     ray.transmittance = state.light.a;
     ray.samples = state.samples;
-    return March(state.sample_index, state.entry, ivec3(state.macrocell_xy & 0xFFFFu, state.macrocell_xy >> 16, state.macrocell_z));
+    return March(state.sample_index, state.entry, macrocell_at(state.entry));
 }
 
 RayState state_of(March march) {
-    uint macrocell_xy = uint(march.macrocell.x) | uint(march.macrocell.y) << 16;
-    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, macrocell_xy, uint(march.macrocell.z), ray.samples);
+    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, ray.samples);
 }
 
-// The macrocells less than `leap` behind one, along every axis in the direction of the ray.
-Room room_behind(March march, float leap) {
-    Room room;
-    room.near = vec3(march.macrocell);
-    room.far = room.near + (leap - 1.0) * ray.towards;
-    vec3 faces = float(raycast.macrocells.w) * (room.far + 0.5 + 0.5 * ray.towards);
-    room.exits = mix(ray.start + (faces - ray.index_start) * ray.inverse, vec3(FAR), equal(ray.inverse, vec3(0.0)));
-    room.exit = max(min(room.exits.x, min(room.exits.y, room.exits.z)), march.entry);
-    return room;
-}
-
-// Moves on to the macrocell behind the room; false if there is none.
-bool leave(Room room, inout March march) {
-    march.entry = room.exit;
-    vec3 index = ray.index_start + (room.exit - ray.start) * ray.index_direction;
-    vec3 beside = clamp(floor(index / float(raycast.macrocells.w)), min(room.near, room.far), max(room.near, room.far));
-    vec3 next = mix(beside, room.far + ray.towards, lessThanEqual(room.exits, vec3(room.exit)));
-    march.macrocell = ivec3(next);
-    return room.exit < ray.seen.y && all(greaterThanEqual(march.macrocell, ivec3(0))) && all(lessThan(march.macrocell, raycast.macrocells.xyz));
-}
-
-uint macrocell_texel(ivec3 macrocell) {
-    return textureLod(macrocells, (vec3(macrocell) + 0.5) / vec3(raycast.macrocells.xyz), 0.0).r;
-}
+// Texel of a macrocell, or of that of the grid next to it.
+uint macrocell_texel(vec3 macrocell) { return textureLod(macrocells, (macrocell + 0.5) * ray.macro_texel, 0.0).r; }
 
 // Of a texel of the macrocells: whether something is seen there; of others, how far the ray may leap; steps to be taken as one.
 bool occupied(uint texel) { return (texel & LEAP_MASK) == 0u; }
-float leap_of(uint texel) { return float(bitfieldExtract(texel, ray.octant * LEAP_BITS, LEAP_BITS)); }
+float leap_of(uint texel) { return float(bitfieldExtract(texel, ray.leap_bit, LEAP_BITS)); }
 int multiplier_of(uint texel) { return int(texel >> LEAP_BITS); }
 
-ivec3 macrocell_at(vec3 index) {
-    return min(ivec3(index * (1.0 / float(raycast.macrocells.w))), raycast.macrocells.xyz - 1);
+// Distances at which the ray leaves the `leap` macrocells from its own one on, by the axis across the face.
+vec3 exits_of(March march, float leap) {
+    return ray.macro_base + (march.macrocell + leap - ray.macro_start) * ray.macro_inverse;
+}
+
+// Moves on to the macrocell behind a leap; beyond the grid all is empty.
+void leap_on(float leap, inout March march) {
+    vec3 exits = exits_of(march, leap);
+    march.entry = max(min(exits.x, min(exits.y, exits.z)), march.entry);
+    vec3 beside = clamp(macrocell_at(march.entry), march.macrocell, march.macrocell + (leap - 1.0));
+    march.macrocell = mix(beside, march.macrocell + leap, lessThanEqual(exits, vec3(march.entry)));
 }
 
 // Number of the sample after one. Steps of several samples stay inside the macrocell of both their ends; a step into
 // it and one out of it are of a single sample.
 int next_number(March march, uint texel) {
 #if ADAPTIVE
-    ivec3 here = macrocell_at(ray_at(numbered_distance(march.number)));
-    int inside = int(floor(number_at(min(room_behind(march, 1.0).exit, ray.end))));
-    if (here == march.macrocell && march.number < inside) return min(march.number + multiplier_of(texel), inside);
+    bool here = all(equal(macrocell_at(numbered_distance(march.number)), march.macrocell));
+    vec3 exits = exits_of(march, 1.0);
+    int inside = int(floor(number_at(min(min(exits.x, ray.end), min(exits.y, exits.z)))));
+    if (here && march.number < inside) return min(march.number + multiplier_of(texel), inside);
 #endif
     return march.number + 1;
 }
@@ -105,13 +83,12 @@ void run(int last, inout March march, inout uint texel, inout uint visited, inou
     do {
         march.number = next_number(march, texel);
         float end = numbered_distance(march.number);
-        vec3 index = ray_at(end);
-        float back = field(index);
+        float back = field(ray_at(end));
         meet(back);
         if (end > start && max(ray.value, back) < MASKED_VALUE) composite_stretch(Stretch(start, end, ray.value, back));
         start = end;
         ray.value = back;
-        ivec3 next = macrocell_at(index);
+        vec3 next = macrocell_at(end);
         texel = macrocell_texel(next);
         if (occupied(texel) && next != march.macrocell) ++visited;
         march.macrocell = next;
@@ -138,8 +115,9 @@ bool march_on(inout March march) {
             do {
                 --loops;
                 ++skipped;
-                ended = !leave(room_behind(march, leap_of(texel)), march);
-                if (!ended) texel = macrocell_texel(march.macrocell);
+                leap_on(leap_of(texel), march);
+                texel = macrocell_texel(march.macrocell);
+                ended = march.entry >= ray.seen.y;
                 on = !ended && !occupied(texel) && loops > 0;
             } while (on);
         }

@@ -21,9 +21,12 @@ struct Ray {
     vec2 seen;                            // distances outside of which all macrocells are empty [world]
     vec3 index_start;                     // sample index at `start`
     vec3 index_direction;                 // sample indices per world unit
-    vec3 inverse;                         // world units per sample index along each axis, 0 where it runs along none
-    vec3 towards;                         // 1 where the index ascends along the ray, else -1
-    int octant;                           // of the leaps that the ray takes
+    int leap_bit;                         // of the leaps in the texels of the macrocells the first bit of the ray's octant
+    vec3 macro_start;                     // in units of macrocells and in this octant, where all ascend: the place at `start`,
+    vec3 macro_direction;                 // what is added per world unit,
+    vec3 macro_inverse;                   // its inverse, 0 where it runs along none of them,
+    vec3 macro_base;                      // `start`, FAR where it does so,
+    vec3 macro_texel;                     // and texture coordinates
     float growth;                         // of the steps [world]
     float shift;                          // of the samples, in steps
     vec3 radiance;
@@ -106,9 +109,13 @@ void begin_ray(ivec2 pixel) {
                                dot(raycast.index_row_z.xyz, ray.direction));
     bvec3 across = equal(ray.index_direction, vec3(0.0));
     ivec3 ascends = ivec3(greaterThan(ray.index_direction, vec3(0.0)));
-    ray.inverse = mix(1.0 / mix(ray.index_direction, vec3(1.0), across), vec3(0.0), across);
-    ray.towards = vec3(2 * ascends - 1);
-    ray.octant = ascends.x + 2 * ascends.y + 4 * ascends.z;
+    vec3 towards = vec3(2 * ascends - 1);
+    ray.leap_bit = LEAP_BITS * (ascends.x + 2 * ascends.y + 4 * ascends.z);
+    ray.macro_start = towards * ray.index_start / float(raycast.macrocells.w);
+    ray.macro_direction = towards * ray.index_direction / float(raycast.macrocells.w);
+    ray.macro_inverse = mix(1.0 / mix(ray.macro_direction, vec3(1.0), across), vec3(0.0), across);
+    ray.macro_base = mix(vec3(ray.start), vec3(FAR), across);
+    ray.macro_texel = towards / vec3(raycast.macrocells.xyz);
     ray.growth = frame.perspective * raycast.differential * raycast.step * direction_differential(direction, frame.span_right);
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
