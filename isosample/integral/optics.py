@@ -1,6 +1,6 @@
 """Opacity, transmittance and the emission integral of one stretch of a ray, in float64.
 
-Twin of ``shaders/lib/optics.glsl``; the emission integral, there by quadrature, is here in closed form.
+Twin of ``shaders/lib/optics.glsl``; the emission integral, there in panels, is here in closed form.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from isosample.volume.grid import F64
 
-PANEL_DEPTH = 0.5  # optical depth of one quadrature panel of the shader
+PANEL_DEPTH = 0.5  # optical depth of one panel of the shader
 THIN_DEPTH = 1.0  # below, the closed forms would cancel and 12 Gauss nodes are exact to rounding
 THIN_NODES = 12  # error <= 8.8e-39 |24th derivative|, which is < 1e18 for ends <= 2: far below 2**-53
 
@@ -108,25 +108,30 @@ def panel_end(x0: npt.ArrayLike, x1: npt.ArrayLike, u: npt.ArrayLike) -> F64:
     return np.minimum(1.0, start + step)
 
 
-def opacity_of_panel(x: npt.ArrayLike) -> F64:
-    r"""Opacity of parts of a quadrature panel.
+def mean_opacity(a: npt.ArrayLike, b: npt.ArrayLike) -> F64:
+    r"""Opacity of the parts [0, v] of a stretch, averaged over v in [0, 1].
 
     Parameters
     ----------
-    x : (...) array_like of float
-        Optical depth, unitless, in [0, `PANEL_DEPTH`].
+    a, b : (...) array_like of float
+        Optical depth of the part: a v + b v², unitless; a >= 0, and it never falls (a + 2 b >= 0, to rounding). They
+        broadcast.
 
     Returns
     -------
     opacity : (...) float64
-        :math:`1 - e^{-x}` without cancellation; the shader sums its Taylor series to :math:`x^8 / 8!`.
+        :math:`\int_0^1 1 - e^{-(a v + b v^2)}\,dv`, by 12 Gauss nodes, to rounding where a + b is at most 1.
 
     Raises
     ------
     InputError
-        If a depth is outside.
+        If a is negative or not finite.
     """
-    return np.negative(np.expm1(-within(x, "x", 0.0, PANEL_DEPTH)))
+    linear, bend = np.broadcast_arrays(at_least_zero(a, "a"), np.asarray(b, dtype=np.float64))
+    nodes, weights = gauss_legendre(THIN_NODES)
+    depths = nodes * (linear[..., None] + nodes * bend[..., None])
+    opacity: F64 = -np.expm1(-depths) @ weights
+    return opacity
 
 
 def segment_weights(x0: npt.ArrayLike, x1: npt.ArrayLike) -> F64:

@@ -87,6 +87,7 @@ class DeviceTransfer:
     ) -> None:
         self._settings, self._base_length = settings, base_length
         self._bands = ValueBands.of(transfer_function, scale.low, scale.inverse_width)
+        self._few_bands = has_few_bands(self._bands)
         self._intervals = visible_intervals(transfer_function, isosurfaces=self._shows_isosurfaces)
         hidden = 0 if self._shows_isosurfaces else len(transfer_function.isosurfaces)
         self.not_shown = {"isosurfaces": hidden} if hidden else {}
@@ -94,9 +95,7 @@ class DeviceTransfer:
         self._peaks = shown_peaks(transfer_function, scale) if finds else []
         self._textures: dict[str, moderngl.Texture | moderngl.Texture3D] = {}
         try:
-            tables = self._tables()
-            self._few_bands = has_few_bands(tables["TRANSFER"])
-            for name, texels in tables.items():
+            for name, texels in self._tables().items():
                 self._textures[name] = new_texture(ctx, texels)
         except BaseException:
             self.release()

@@ -61,9 +61,10 @@ def transfer_texels(
     return np.concatenate([*blocks, table.reshape(rows, width, 4)]).astype(np.float32)
 
 
-def has_few_bands(texels: F32) -> bool:
-    """Whether no bin of these texels meets more than two bands."""
-    return bool((texels[0, :, 1] - texels[0, :, 0]).max() <= 1.0)
+def has_few_bands(bands: ValueBands) -> bool:
+    """Whether no bin meets more than two bands."""
+    bins = _bins(bands, shared_constants()["BAND_START_COUNT"])
+    return bool((bins[:, 1] - bins[:, 0]).max() <= 1.0)
 
 
 def _bins(bands: ValueBands, count: int) -> F64:

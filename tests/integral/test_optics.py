@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isosample.errors import InputError
+from isosample.gl.shader_source import shader_root
 from isosample.integral.optics import (
     PANEL_DEPTH,
+    mean_opacity,
     mean_transmittance,
     opacity_from_depth,
     panel_end,
@@ -189,18 +192,27 @@ def test_panel_of_an_empty_stretch_reaches_the_end() -> None:
     assert panel_end([0.0, 1e-310, 0.4], [0.0, 1e-310, 0.0], [0.0, 0.25, 0.0]).tolist() == [1.0, 1.0, 1.0]
 
 
-def test_panel_error_bound_of_the_shader_is_reached_but_not_passed() -> None:
-    # 8th derivative of f = exp(−x u − s u²/2) at u = 0 by f_(n+1) = −x f_n − s n f_(n−1) (Leibniz, from
-    # f' = −(x + s u) f); a panel starts with x and ends with x + s >= 0, and its depth x + s/2 is <= 1/2.
-    # Further into a panel the derivative is that of a shorter one, times exp(−D) <= 1.
-    x, s = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 1.0, 201), np.linspace(-1.0, 1.0, 401)))
-    panel = (x + s >= -1e-12) & (x + 0.5 * s <= PANEL_DEPTH + 1e-12)
-    before, derivative = np.ones_like(x), -x
-    for n in range(1, 8):
-        before, derivative = derivative, -x * derivative - s * n * before
-    assert np.abs(derivative[panel]).max() == pytest.approx(764.0, rel=1e-9)
-    error_constant = math.factorial(4) ** 4 / (9 * math.factorial(8) ** 3)
-    assert error_constant * 764.0 < 4.31e-7
+def test_mean_opacity_is_one_less_the_mean_transmittance() -> None:
+    a, b = (part.ravel() for part in np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(-0.5, 0.5, 21)))
+    rising = a + 2.0 * b >= 0.0
+    found = mean_opacity(a[rising], b[rising])
+    # The extinction of the depth a v + b v² runs from a to a + 2 b; both are sums of 12 nodes.
+    np.testing.assert_allclose(
+        found, 1.0 - mean_transmittance(a[rising], (a + 2.0 * b)[rising]), atol=40 * UNIT
+    )
+    constant = np.linspace(0.1, 1.0, 10)
+    np.testing.assert_allclose(
+        mean_opacity(constant, 0.0), 1.0 + np.expm1(-constant) / constant, rtol=200 * UNIT
+    )
+
+
+def test_polynomial_of_the_shader_has_its_stated_error() -> None:
+    text = (shader_root() / "lib" / "optics.glsl").read_text(encoding="utf-8")
+    coefficients = [float(re.search(rf"const float c{n} = (\S+);", text)[1]) for n in (1, 2, 3, 4)]  # type: ignore[index]
+    x = np.linspace(1e-3, PANEL_DEPTH, 10_001)
+    series = 1.0 + sum(float(np.float32(c)) * x**n for n, c in enumerate(coefficients, start=1))
+    error = np.abs(series * x / opacity_from_depth(x) - 1.0).max()
+    assert 8.0e-8 < error <= 9.1e-8
 
 
 @pytest.mark.parametrize(
