@@ -160,6 +160,8 @@ class RayCaster:
             self._raycast_buffer = self._buffer(made, uniform_dtype("Raycast").itemsize)
             self._counters = self._buffer(made, storage_dtype("RayCounters").itemsize)
             self._states = self._buffer(made, TILE_PIXELS * storage_dtype("RayState").itemsize)
+            self._states.clear()
+            self._tile_number = 0
             self._blocks = RayBlocks(self._ctx)
             made.callback(self._blocks.release)
             self._target = PictureTarget(self._ctx)
@@ -233,6 +235,8 @@ class RayCaster:
     ) -> None:
         """March the rays of a tile to their ends, in as many calls as the longest one takes."""
         set_tile(frame, tile, 0)
+        self._tile_number += 1
+        block[0]["tile_number"] = self._tile_number
         self._write(frame, block)
         found.tiles += 1
         unfinished, resumed = tile.pixel_count, False
@@ -258,9 +262,8 @@ class RayCaster:
 
     def _program(self, settings: RenderSettings, *, resumed: bool) -> Program:
         constants = self._volume.constants() | self._transfer.constants()
-        constants["ADAPTIVE"] = int(self._settings.adaptive)
+        constants |= {"ADAPTIVE": int(self._settings.adaptive), "BLOCKS": int(self._settings.skipping)}
         constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
-        constants["BLOCKS"] = int(self._settings.skipping)
         if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
             return self._programs.compute("raycast.comp", **constants)
         points = "ray_blocks.vert" if self._settings.skipping else "screen.vert"

@@ -146,14 +146,16 @@ struct Raycast {
     float table_length;  // stretch of its first layer [world]
     float table_ratio;   // natural logarithm of the length of one layer over that of the one before
     int loop_limit;      // iterations after which a ray is put aside until the next call
+    uint tile_number;    // from 1 on, of all pictures: tells the states of this tile's rays from what is left of others
 };
 
 // Where a ray is, between two calls.
 struct RayState {
     vec4 light;          // radiance, transmittance
-    int sample_index;    // next sample; -1: done
+    int sample_index;    // next sample
     float entry;         // distance at which the macrocell was entered [world]
     uint samples;        // so far
+    uint tile_number;    // of the tile whose ray goes on from here; 0: none does
 };
 
 struct RayCounters {

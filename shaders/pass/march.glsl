@@ -30,7 +30,7 @@ March resumed_march(RayState state) {
 }
 
 RayState state_of(March march) {
-    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, ray.samples);
+    return RayState(vec4(ray.radiance, ray.transmittance), march.number, march.entry, ray.samples, raycast.tile_number);
 }
 
 // Texel of a macrocell, or of that of the grid next to it.

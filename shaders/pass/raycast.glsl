@@ -132,7 +132,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
     int place = in_tile.y * frame.tile_size.x + in_tile.x;
     color = vec4(0.0);
 #if RESUMED
-    if (states[place].sample_index < 0) return false;
+    if (states[place].tile_number != raycast.tile_number) return false;
 #endif
     begin_ray(pixel);
     bool ended = true;
@@ -151,7 +151,9 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
         atomicAdd(counters.unfinished_rays, 1u);
         return false;
     }
-    states[place].sample_index = -1;
+#if RESUMED
+    states[place].tile_number = 0u;
+#endif
     if (ray.samples > 0u) {
         atomicAdd(counters.samples, ray.samples);
         if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
