@@ -12,9 +12,9 @@ layout(binding = UNIT_PRE_INTEGRATION) uniform sampler3D length_tables;
 
 vec4 table_texel(ivec2 nodes, int layer) {
 #if INTEGRATION == 1
-    return texelFetch(length_table, nodes, 0);
+    return textureLod(length_table, (vec2(nodes) + 0.5) / vec2(textureSize(length_table, 0)), 0.0);
 #else
-    return texelFetch(length_tables, ivec3(nodes, layer), 0);
+    return textureLod(length_tables, (vec3(nodes, layer) + 0.5) / vec3(textureSize(length_tables, 0)), 0.0);
 #endif
 }
 

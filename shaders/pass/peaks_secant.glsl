@@ -11,7 +11,7 @@ int peak_bin(float value) {
 // Peaks that may lie in the stretch, in the order of the ray; NO_PEAK for none.
 uvec4 peaks_between(float front, float back) {
     ivec2 bins = ivec2(peak_bin(front), peak_bin(back));
-    uvec4 found = texelFetch(peak_table, bins, 0);
+    uvec4 found = textureLod(peak_table, (vec2(bins) + 0.5) / vec2(textureSize(peak_table, 0)), 0.0);
     return bins.x == bins.y && back < front ? found.wzyx : found;
 }
 
