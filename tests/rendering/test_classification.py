@@ -23,8 +23,10 @@ from isosample.rendering.raycast_settings import (
     TableDtype,
     TransferLookup,
 )
+from isosample.rendering.transfer_texture import has_few_bands
 from isosample.transfer.peaks import NO_PEAK
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
+from isosample.transfer.value_bands import ValueBands
 from rendering.stretches import Caster, integrated
 
 if TYPE_CHECKING:
@@ -309,6 +311,31 @@ def test_one_step_has_the_mean_colour_whichever_way_it_is_crossed(caster: Caster
     depth = 0.3 * 2.5 + 0.4 * 2.75 + 0.2 * 1.25
     expected = np.array([*(emission / depth), 1.0]) * -np.expm1(-depth)
     np.testing.assert_allclose([rising, falling], [expected] * 2, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("spacing", [0.3 / 1024, 1.5 / 1024], ids=["many bands in a bin", "two at most"])
+@pytest.mark.parametrize("settings", [PRE, POST], ids=["pre-integrated", "post-classified"])
+def test_values_find_their_band_among_those_of_one_bin(
+    caster: Caster, settings: RaycastSettings, spacing: float
+) -> None:
+    heights = (0.0, 3.0, 1.0, 4.0, 0.5, 2.0, 6.0, 0.0)
+    comb = TransferFunction(
+        [
+            ControlPoint(0.5 + n * spacing, (n / 7, 1.0 - n / 7, 0.5), height)
+            for n, height in enumerate(heights)
+        ]
+    )
+    assert has_few_bands(ValueBands.of(comb, 0.0, 1.0)) == (spacing > 1 / 1024)
+    values = 0.5 + spacing * np.linspace(-1.0, 8.0, 181)
+    levels = np.float32(values[np.abs(values / spacing % 1.0 - 0.5) < 0.49]).astype(
+        np.float64
+    )  # beside the points
+    lines = [(value, 0.0, 0.0, 0.0) for value in levels.tolist()]
+    expected = np.array([integrated(comb, line) for line in lines])
+    found, _ = caster.cast(comb, settings, lines, 1)
+    # Ends of bands are float32 numbers, and so are values: an extinction is off by its slope times 2 roundings of 1/2.
+    steepest = 6.0 / spacing
+    np.testing.assert_allclose(found, expected, atol=2 * steepest * 2.0**-25 + ROUNDING)
 
 
 def mean_color_bound(depth: npt.ArrayLike) -> F64:
