@@ -326,11 +326,9 @@ def test_values_find_their_band_among_those_of_one_bin(
         ]
     )
     assert has_few_bands(ValueBands.of(comb, 0.0, 1.0)) == (spacing > 1 / 1024)
-    values = 0.5 + spacing * np.linspace(-1.0, 8.0, 181)
-    levels = np.float32(values[np.abs(values / spacing % 1.0 - 0.5) < 0.49]).astype(
-        np.float64
-    )  # beside the points
-    lines = [(value, 0.0, 0.0, 0.0) for value in levels.tolist()]
+    places = np.arange(-1.0, 8.0)[:, None] + np.linspace(0.02, 0.98, 20)  # beside the points
+    values: list[float] = (0.5 + spacing * places).astype(np.float32).ravel().tolist()
+    lines = [(value, 0.0, 0.0, 0.0) for value in values]
     expected = np.array([integrated(comb, line) for line in lines])
     found, _ = caster.cast(comb, settings, lines, 1)
     # Ends of bands are float32 numbers, and so are values: an extinction is off by its slope times 2 roundings of 1/2.
