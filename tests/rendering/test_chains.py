@@ -91,7 +91,9 @@ def test_chains_give_the_picture_of_the_program_for_any_list(
             for part in TOLD.split():
                 assert getattr(told, part) == getattr(expected_told, part), part
             if name == "rough" and told.tiles == 1 and not look.clip_planes:
-                assert 0 < int(counters["balanced_lists"]) < int(counters["broken_chains"])  # both programs ran
+                assert (
+                    0 < int(counters["balanced_lists"]) < int(counters["broken_chains"])
+                )  # both programs ran
 
 
 def test_almost_all_lists_of_a_smooth_field_are_chains(gl: moderngl.Context) -> None:
