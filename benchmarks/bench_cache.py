@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.bench_extract import noise, smooth, waves
 from benchmarks.machine import median, table
 from isosample.surfaces.cache import extract_with_cache, load_surface_set
-from isosample.surfaces.chunk_codec import decode, encode
+from isosample.surfaces.chunk_decoding import decode
+from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.plain_chunks import decode_plain, encode_plain
 from isosample.surfaces.store import MeshStore

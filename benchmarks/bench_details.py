@@ -20,7 +20,7 @@ from isosample.rendering.quality import Quality
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings
 from isosample.surfaces.brick_samples import gradients_at, load_brick
-from isosample.surfaces.chunk_codec import encode
+from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.detail import MOST_DETAILS, detail_tolerance
 from isosample.surfaces.mesh_error import MeshError, combined, measure
 from isosample.volume.bricks import bricks_of

@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from isosample.errors import CacheError
 from isosample.files import replacing
 from isosample.surfaces.cache_files import digest_of
-from isosample.surfaces.chunk_codec import CHUNK_VERSION, decode, encode
+from isosample.surfaces.chunk_decoding import decode
+from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_header import OtherVersionError
+from isosample.surfaces.chunk_layout import CHUNK_VERSION
 from isosample.surfaces.plain_chunks import PLAIN_MAGIC, decode_plain, encode_plain
 
 if TYPE_CHECKING:

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from mesh_checks import closed_noise
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces.chunk_codec import decode, encode, summary
+from isosample.surfaces.chunk_decoding import decode
+from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
+from isosample.surfaces.chunk_layout import summary
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.mesh_error import MeshError, round_residuals

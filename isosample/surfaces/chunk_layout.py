@@ -1,0 +1,78 @@
+"""The header of a packed chunk: what its bytes say before anything is decoded."""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+from isosample.errors import CacheError
+from isosample.surfaces.chunk_header import CHECK, ERROR_NAMES, sealed, unsealed
+
+CHUNK_VERSION = 3
+USUAL_SAMPLES = 33  # along each axis of a brick
+MAGIC = b"isochunk"
+ERROR_COUNT = len(ERROR_NAMES)
+RAW, PACKED, ABSENT = 0, 1, 2  # how gradients, residuals and triangles are stored
+_HEADER = struct.Struct("<8sH7B32sd3i3i4q3H9I")
+HEAD_BYTES = _HEADER.size + CHECK.size
+
+
+class ChunkHeader(NamedTuple):
+    """What the first bytes of a chunk say, in their order."""
+
+    magic: bytes
+    version: int
+    gradients: int
+    residuals: int
+    triangles: int
+    has_error: int
+    slot_width: int
+    exponent_width: int
+    step_width: int
+    name: bytes
+    isovalue: float
+    brick: tuple[int, int, int]
+    start: tuple[int, int, int]
+    lattice: tuple[int, ...]
+    size: tuple[int, ...]
+    vertex_count: int
+    triangle_count: int
+    fraction_count: int
+    key_count: int
+    slot_escapes: int
+    exponent_escapes: int
+    step_escapes: int
+    content_bytes: int
+    frame_bytes: int
+
+    def packed(self) -> bytes:
+        """Return the first bytes of the chunk, with their checksum."""
+        flat = (*self[:11], *self.brick, *self.start, *self.lattice, *self.size, *self[15:])
+        return sealed(_HEADER.pack(*flat))
+
+    @classmethod
+    def read(cls, data: bytes) -> ChunkHeader:
+        """Return the header of a chunk; raise `CacheError` if it is none, of another version or damaged."""
+        flat = unsealed(data, _HEADER, magic=MAGIC, version=CHUNK_VERSION)
+        header = cls._make((*flat[:11], flat[11:14], flat[14:17], flat[17:21], flat[21:24], *flat[24:]))
+        if len(data) != HEAD_BYTES + header.frame_bytes:
+            raise CacheError(f"it has {len(data)} bytes, expected {HEAD_BYTES + header.frame_bytes}.")
+        return header
+
+
+class ChunkSummary(NamedTuple):
+    """What a chunk's header tells without decoding it."""
+
+    name: bytes
+    isovalue: float
+    brick: tuple[int, int, int]
+    vertex_count: int
+    triangle_count: int
+
+
+def summary(data: bytes) -> ChunkSummary:
+    """Return what the header of a chunk tells; raises as `decode` for a header that is damaged."""
+    header = ChunkHeader.read(data)
+    return ChunkSummary(
+        header.name, header.isovalue, header.brick, header.vertex_count, header.triangle_count
+    )
