@@ -24,7 +24,7 @@ isosample cache verify meshes_cache/head-1f3a9c07
 isosample cache prune --budget 2GiB"""
 ACTIONS = {
     "ls": "list the caches with their sizes",
-    "verify": "decode every file, and name what is damaged (exit status 1)",
+    "verify": "decode every file, and name what is damaged (exit status 1) or was evicted",
     "prune": "remove the meshes that were used longest ago, down to --budget",
 }
 
@@ -114,21 +114,30 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
 
 
 def _verify(folders: list[Path], *, as_json: bool) -> int:
-    """Write what is damaged; return 1 where anything is."""
+    """Write what is damaged and what is missing; return 1 where anything is damaged."""
     from isosample.cli import EXIT_FAILED
     from isosample.surfaces.cache_folders import verify_folder
 
     start = time.perf_counter()
-    damaged = [(folder, found) for folder in folders for found in verify_folder(folder)]
+    verified = {folder: verify_folder(folder) for folder in folders}
+    damaged = [(folder, chunk) for folder, found in verified.items() for chunk in found.damaged]
+    incomplete = {folder: found for folder, found in verified.items() if found.pieces_missing}
     if as_json:
         rows = [
-            {"cache": str(folder), "path": str(found.path), "reason": found.reason}
-            for folder, found in damaged
+            {"cache": str(folder), "path": str(chunk.path), "reason": chunk.reason}
+            for folder, chunk in damaged
         ]
-        say_json({"caches": [str(folder) for folder in folders], "damaged": rows})
+        missing = [
+            {"cache": str(folder), "pieces": found.pieces, "pieces_missing": found.pieces_missing}
+            for folder, found in incomplete.items()
+        ]
+        say_json({"caches": [str(folder) for folder in folders], "damaged": rows, "incomplete": missing})
         return EXIT_FAILED if damaged else 0
-    for _, found in damaged:
-        say(f"damaged: {found.path}: {found.reason}")
+    for _, chunk in damaged:
+        say(f"damaged: {chunk.path}: {chunk.reason}")
+    for folder, found in incomplete.items():
+        lost = f"{thousands(found.pieces_missing)} of {counted(found.pieces, 'piece')}"
+        say(f"incomplete: {folder}: {lost} were evicted; run precompute again")
     summary = {
         "caches": str(len(folders)),
         "damaged files": thousands(len(damaged)),

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from isosample.surfaces.chunk_table import Rows
-
 
 class FolderSummary(NamedTuple):
     """What a cache folder holds.
@@ -53,6 +51,23 @@ class FolderPruned(NamedTuple):
     folder: Path
     chunks: int
     size_bytes: int
+
+
+class FolderVerified(NamedTuple):
+    """What `verify_folder` found.
+
+    Attributes
+    ----------
+    damaged : tuple of DamagedChunk
+        Files that cannot be used, or that a scene needs and that are missing.
+    pieces, pieces_missing : int
+        Pieces of isosurfaces that are listed, and those whose chunk is not there, because it made room for others or
+        was removed. That is no damage: they are extracted again when they are needed.
+    """
+
+    damaged: tuple[DamagedChunk, ...]
+    pieces: int
+    pieces_missing: int
 
 
 def cache_folders(place: Path) -> list[Path]:
@@ -109,9 +124,10 @@ def folder_bytes(folder: Path) -> int:
     return total
 
 
-def verify_folder(folder: Path) -> list[DamagedChunk]:
-    """Read every file of a cache folder, and return those that are damaged or missing, with the reason each."""
+def verify_folder(folder: Path) -> FolderVerified:
+    """Read every file of a cache folder, and tell which are damaged, with the reason each, and what is missing."""
     damaged = []
+    listed: set[bytes] = set()
     for name, kind in (("volume.json", "cache"), ("scene.json", "scene")):
         path = folder / name
         if name == "scene.json" and not path.exists():
@@ -131,8 +147,9 @@ def verify_folder(folder: Path) -> list[DamagedChunk]:
             damaged.append(DamagedChunk(path, str(error)))
             continue
         if path.parent.name == "surfaces":
-            damaged += _missing_chunks(path, arrays["rows"].view(CHUNK_ROW), store)
-    return [*damaged, *store.verify().damaged]
+            listed.update(arrays["rows"].view(CHUNK_ROW)["key"].tolist())
+    there = {key.encode() for key in store.keys()}  # noqa: SIM118  # a store is no mapping
+    return FolderVerified((*damaged, *store.verify().damaged), len(listed), len(listed - there))
 
 
 def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]:
@@ -148,15 +165,6 @@ def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]
             )
             damaged.append(DamagedChunk(path, f"{what} of scene.json is missing."))
     return damaged
-
-
-def _missing_chunks(path: Path, rows: Rows, store: MeshStore) -> list[DamagedChunk]:
-    """Return a list of chunks with what is missing of it, or nothing."""
-    missing = [key.decode() for key in rows["key"].tolist() if not store.has(key.decode())]
-    if not missing:
-        return []
-    reason = f"{len(missing)} of its {len(rows)} chunks are missing, for instance {missing[0]}."
-    return [DamagedChunk(path, reason)]
 
 
 def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool = False) -> list[FolderPruned]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from typing import TYPE_CHECKING
 
@@ -69,7 +70,8 @@ def test_verify_finds_every_kind_of_damage_and_changes_nothing(run: Run, cache: 
     assert outcome.status == 1
     for path in (first, second, listed, cache / "boundary.npz", cache / "scene.json"):
         assert f"damaged: meshes/{path.relative_to(cache)}: " in outcome.out
-    assert third.stem in outcome.out
+    assert re.search(r"incomplete: meshes: 1 of \d+ pieces were evicted; run precompute again", outcome.out)
+    assert third.stem not in outcome.out
     assert content(cache) == before
     found = json.loads(run("cache verify meshes --json").out)["damaged"]
     assert len(found) == int(outcome.fields()["damaged files"]) >= 5
@@ -111,6 +113,11 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert chunks(cache) == there[3:]
     assert json.loads(run("cache prune meshes --budget 1GiB --json").out)["bytes_left"] == budget
     assert "is missing" in run("render meshes -o out.png --size 16x16").err
+    verified = run("cache verify meshes --json")  # what made room is no damage
+    assert verified.status == 0
+    found = json.loads(verified.out)
+    assert found["damaged"] == []
+    assert [(row["cache"], row["pieces_missing"]) for row in found["incomplete"]] == [("meshes", 3)]
 
 
 @pytest.mark.parametrize(
