@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
 import zlib
@@ -13,6 +14,7 @@ import numpy.typing as npt
 
 from isosample.errors import CacheError
 from isosample.files import replacing
+from isosample.surfaces.stored_arrays import stored_arrays
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,8 +90,11 @@ def read_arrays(path: Path, header: Mapping[str, Any], *, digest: str | None = N
         If the file is absent, unreadable, of another version, about something else, or damaged.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            arrays: Arrays = {name: stored[name] for name in stored.files}
+        data = path.read_bytes()
+        arrays = stored_arrays(data)
+        if arrays is None:
+            with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
         found = json.loads(arrays.pop("header").tobytes())
     except FileNotFoundError as error:
         raise CacheError(f"{path} is missing. {REMEDY}") from error

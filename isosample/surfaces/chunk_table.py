@@ -51,7 +51,10 @@ class ChunkTable:
     @classmethod
     def of(cls, isovalues: F64, rows: Iterable[Rows]) -> ChunkTable:
         """Sort rows that come in any order."""
-        joined = np.concatenate([np.empty(0, dtype=CHUNK_ROW), *rows])
+        plain = [
+            np.ascontiguousarray(part).view(np.uint8) for part in rows
+        ]  # numpy joins rows field by field
+        joined = np.concatenate([np.empty(0, dtype=np.uint8), *plain]).view(CHUNK_ROW)
         order = np.lexsort((joined["row"], joined["isovalue"]))
         return cls(isovalues=isovalues, rows=joined[order])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,7 +88,7 @@ class ExtractionSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, ready for JSON."""
-        entries = {**asdict(self), "reconstruction": self.reconstruction.value}
+        entries = {**self.as_keywords(), "reconstruction": self.reconstruction.value}
         if not self.detail:
             del entries["detail"]  # as folders had it before there were details: their meshes are still right
         return entries

@@ -38,9 +38,15 @@ def listed_key(
     pinned: Collection[str] = (),
 ) -> str:
     """Return the key under which a folder lists an isosurface: a pinned one, else by content, else by place."""
-    keys = [surface_key(content_hash, isovalue, settings, by_place=by_place) for by_place in (False, True)]
-    there = (key for key in keys if surface_path(folder, key).exists())
-    return next((key for key in keys if key in pinned), None) or next(there, keys[0])
+    by_content = surface_key(content_hash, isovalue, settings)
+    if by_content in pinned:
+        return by_content
+    there = surface_path(folder, by_content).exists()
+    if there and not pinned:
+        return by_content
+    by_place = surface_key(content_hash, isovalue, settings, by_place=True)
+    wanted = by_place in pinned or (not there and surface_path(folder, by_place).exists())
+    return by_place if wanted else by_content
 
 
 def surface_path(folder: Path, key: str) -> Path:
@@ -77,12 +83,14 @@ def read_rows(folder: Path, key: str, isovalue: float, digest: str | None = None
         If the file is missing (names the isovalue) or damaged, or its rows have another `digest`.
     """
     path = surface_path(folder, key)
-    if not path.exists():
+    try:
+        arrays, found = read_arrays(path, {"key": key}, digest=digest)
+    except CacheError as error:
+        if not isinstance(error.__cause__, FileNotFoundError):
+            raise
         raise CacheError(
-            f"{folder} has no isosurface {isovalue!r} for these settings ({path.name} is missing). "
-            "Add it with `isosample precompute`."
-        )
-    arrays, found = read_arrays(path, {"key": key}, digest=digest)
+            f"{folder} has no isosurface {isovalue!r} for these settings. Add it with `isosample precompute`."
+        ) from error
     plain = arrays["rows"]
     if plain.dtype != np.uint8 or plain.size % CHUNK_ROW.itemsize:
         raise CacheError(f"{path} is damaged: its rows are {plain.size} of {plain.dtype}. {REMEDY}")

@@ -325,7 +325,7 @@ CACHES = {
 }
 PICTURES_OF_CACHES = {
     "a surface that is missing": Wrong(
-        "render meshes -o out.png", ("meshes", "no isosurface", ".npz"), removed("surfaces/*")
+        "render meshes -o out.png", ("meshes", "no isosurface", "isosample precompute"), removed("surfaces/*")
     ),
     "a surface that is incomplete": Wrong(
         "render meshes -o out.png", ("surfaces/", "damaged"), cut("surfaces/*")

@@ -230,7 +230,8 @@ def test_damage_to_any_file_is_found_and_named(tmp_path: Path, name: str, damage
     path.unlink() if damage == "remove" else path.write_bytes(
         content[: len(content) // 2 * (damage != "empty")]
     )
-    with pytest.raises(CacheError, match=path.name):
+    missing = name == "surface" and damage == "remove"  # a name of 64 digits tells less than the isovalue
+    with pytest.raises(CacheError, match=r"no isosurface -?\d\.\d+ for" if missing else path.name):
         load_cache(tmp_path)
 
 
