@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 
     Bool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
-GROUP = 16  # chunks that a thread loads in a row
+GROUP = 32  # chunks that a thread loads in a row: what it costs to hand them over is shared
+SHARES = 8  # at least so many groups per thread, so that all end at about the same time
 NO_WRITING = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 
@@ -175,13 +176,10 @@ def wanted_pieces(folder: Path, field: Field, levels: F64) -> tuple[list[Piece],
 def load_pieces(store: MeshStore, keys: Sequence[str]) -> list[BrickMesh | None]:
     """Return the chunks of a store, None where one is missing or damaged; decoded by one thread per core."""
     workers = os.cpu_count() or 1
-    group = max(
-        1, min(GROUP, len(keys) // workers)
-    )  # handing a thread one chunk costs as much as a small chunk
+    group = max(1, min(GROUP, len(keys) // (SHARES * workers)))
     groups = [keys[first : first + group] for first in range(0, len(keys), group)]
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        found = pool.map(lambda part: [store.get(key) for key in part], groups)
-        return [mesh for part in found for mesh in part]
+        return [mesh for part in pool.map(store.get_all, groups) for mesh in part]
 
 
 def extract_pieces(

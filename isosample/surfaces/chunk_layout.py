@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+import numpy as np
+
 from isosample.errors import CacheError
 from isosample.surfaces.chunk_header import CHECK, ERROR_NAMES, sealed, unsealed
 
@@ -14,6 +16,34 @@ MAGIC = b"isochunk"
 ERROR_COUNT = len(ERROR_NAMES)
 RAW, PACKED, ABSENT = 0, 1, 2  # how gradients, residuals and triangles are stored
 _HEADER = struct.Struct("<8sH7B32sd3i3i4q3H9I")
+HEADER_ROW = np.dtype(  # the same for kernels, whose integers all have a sign
+    [
+        ("magic", "S8"),
+        ("version", "<i2"),
+        ("gradients", "i1"),
+        ("residuals", "i1"),
+        ("triangles", "i1"),
+        ("has_error", "i1"),
+        ("slot_width", "i1"),
+        ("exponent_width", "i1"),
+        ("step_width", "i1"),
+        ("name", "S32"),
+        ("isovalue", "<f8"),
+        ("brick", "<i4", 3),
+        ("start", "<i4", 3),
+        ("lattice", "<i8", 4),
+        ("size", "<i2", 3),
+        ("vertex_count", "<i4"),
+        ("triangle_count", "<i4"),
+        ("fraction_count", "<i4"),
+        ("key_count", "<i4"),
+        ("slot_escapes", "<i4"),
+        ("exponent_escapes", "<i4"),
+        ("step_escapes", "<i4"),
+        ("content_bytes", "<i4"),
+        ("frame_bytes", "<i4"),
+    ]
+)
 HEAD_BYTES = _HEADER.size + CHECK.size
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from isosample.compiled import compiled
 from isosample.surfaces.chunk_numbers import (
+    EDGE_NUMBERS,
     EXPLICIT,
     FRACTION_STEP,
     FREE,
@@ -16,12 +19,12 @@ from isosample.surfaces.chunk_numbers import (
 )
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from isosample.surfaces.mesh import F32, I32, I64
     from isosample.volume.grid import F64
 
+    Header = Any  # a row of `HEADER_ROW`
     U8 = npt.NDArray[np.uint8]
 
 
@@ -42,36 +45,22 @@ def escaped(content: U8, at: int) -> int:
 
 
 @compiled
-def restore_steps(content: U8, at: int, width: int, values: I64) -> None:
-    """Undo `differences`; numbers that are too large for their bytes follow behind all others."""
-    count, escape = len(values), (1 << 8 * width) - 1
-    after = at + width * count
-    last = 0
-    for i in range(count):
-        code = step_code(content, at, count, i, width)
-        if code == escape:
-            code = escaped(content, after)
-            after += 4
-        last += unzigzag(code)
-        values[i] = last
-
-
-@compiled
 def restore_vertices(
-    content: U8, plan: I64, lattice: I64, size: I64, room: I32, positions: F32, keys: I64
+    content: U8, header: Header, at: int, fraction_at: int, key_at: int, room: I32, positions: F32, keys: I64
 ) -> bool:
     """Fill positions and keys, and `room` with the vertex of each slot; tell if all is within its bounds.
 
-    `plan` holds the places in the content of slots, fractions and explicit keys, the bytes of a slot, and the
-    numbers of fractions and explicit keys. `room` has 4 times the samples of the brick, of any content.
+    `at`, `fraction_at` and `key_at` are the places in the content of slots, fractions and explicit keys. `room` has
+    4 times the samples of the brick, of any content.
     """
-    count, at, width = len(keys), plan[0], plan[3]
-    fraction_at, fraction_count, key_at, key_count = plan[1], plan[4], plan[2], plan[5]
+    count, width = len(keys), int(header.slot_width)
+    fraction_count, key_count = int(header.fraction_count), int(header.key_count)
+    lattice_row, lattice_slab, lattice_centre = header.lattice[1], header.lattice[2], header.lattice[3]
     escape, after = (1 << 8 * width) - 1, at + width * count
-    size_x, size_y = size[0], size[1]
-    samples = size[0] * size[1] * size[2]
+    size_x, size_y = int(header.size[0]), int(header.size[1])
+    samples = size_x * size_y * int(header.size[2])
     slot = x = y = z = kind = used = explicit = place = 0
-    place = lattice[0]
+    place = first = header.lattice[0]
     for i in range(count):
         code = step_code(content, at, count, i, width)
         if code == escape:
@@ -89,7 +78,7 @@ def restore_vertices(
             rest -= z * size_x * size_y
             y = rest // size_x
             x = rest - y * size_x
-            place = lattice[0] + lattice[1] * y + lattice[2] * z
+            place = first + lattice_row * y + lattice_slab * z
         if used + (1 if kind < FREE else 3) > fraction_count:
             return False
         positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
@@ -104,7 +93,7 @@ def restore_vertices(
         used += 3
         if kind == FREE:
             room[slot] = i
-            keys[i] = lattice[3] + place + x
+            keys[i] = lattice_centre + place + x
             continue
         if explicit >= key_count:
             return False
@@ -172,15 +161,73 @@ def signed(code: int) -> int:
 
 
 @compiled
+def restore_residuals(content: U8, at: int, packed: bool, residuals: F32) -> None:
+    """Fill in residuals, of whose bits the planes are there from `at` on: all, or the upper 16 after the sign."""
+    count = len(residuals)
+    for i in range(count):
+        for a in range(2):
+            low = at + a * count + i
+            bits = np.uint32(content[low]) | np.uint32(content[low + 2 * count]) << np.uint32(8)
+            if packed:
+                bits = bits << np.uint32(15)
+            else:
+                bits |= np.uint32(content[low + 4 * count]) << np.uint32(16)
+                bits |= np.uint32(content[low + 6 * count]) << np.uint32(24)
+            residuals[i, a] = np.uint32(bits).view(np.float32)
+
+
+@compiled
+def restore_floats(content: U8, at: int, vectors: F32) -> None:
+    """Fill in vectors of three numbers, of whose bytes the planes are there from `at` on."""
+    count = 3 * len(vectors)
+    for i in range(len(vectors)):
+        for a in range(3):
+            low = at + 3 * i + a
+            bits = np.uint32(content[low]) | np.uint32(content[low + count]) << np.uint32(8)
+            bits |= np.uint32(content[low + 2 * count]) << np.uint32(16)
+            bits |= np.uint32(content[low + 3 * count]) << np.uint32(24)
+            vectors[i, a] = np.uint32(bits).view(np.float32)
+
+
+@compiled
+def restore_corners(content: U8, at: int, width: int, vertex_count: int, triangles: I32) -> bool:
+    """Undo `corner_steps`; numbers that are too large for their bytes follow behind all others."""
+    count, escape = 3 * len(triangles), (1 << 8 * width) - 1
+    after = at + width * count
+    corner = 0
+    for i in range(count):
+        code = step_code(content, at, count, i, width)
+        if code == escape:
+            code = escaped(content, after)
+            after += 4
+        corner += unzigzag(code)
+        if corner < 0 or corner >= vertex_count:
+            return False
+        triangles[i // 3, i % 3] = corner
+    return True
+
+
+@compiled
 def restore_triangles(
-    content: U8, at: int, width: int, code_at: int, vertex_count: int, room: I32, corners: I32, triangles: I32
+    content: U8,
+    header: Header,
+    at: int,
+    code_at: int,
+    triples: U8,
+    room: I32,
+    triangles: I32,
 ) -> bool:
     """Undo `cell_codes`; tell if every corner is a vertex.
 
-    `room` holds the vertex of each slot, `corners` (13³, 3) how far the slots of each triple are from the cell.
+    `room` holds the vertex of each slot, `triples` (13³, 3) the edge numbers of each triple.
     """
-    count, slots = len(triangles), len(room)
+    count, width, vertex_count = len(triangles), int(header.step_width), int(header.vertex_count)
     escape, after = (1 << 8 * width) - 1, at + width * count
+    row = int(header.size[0])
+    plane = row * int(header.size[1])
+    slots = 4 * plane * int(header.size[2])
+    offsets = np.empty(EDGE_NUMBERS, dtype=np.int64)
+    edge_slots(row, plane, slots >> 2, offsets)
     cell = 0
     for t in range(count):
         code = step_code(content, at, count, t, width)
@@ -189,10 +236,10 @@ def restore_triangles(
             after += 4
         cell += unzigzag(code)
         triple = int(content[code_at + t]) | int(content[code_at + count + t]) << 8
-        if triple >= len(corners) or cell < 0:
+        if triple >= len(triples) or cell < 0 or cell >= slots:
             return False
         for c in range(3):
-            slot = cell + corners[triple, c]
+            slot = cell + offsets[triples[triple, c]]
             if slot >= slots:
                 return False
             vertex = room[slot]
@@ -200,3 +247,14 @@ def restore_triangles(
                 return False
             triangles[t, c] = vertex
     return True
+
+
+@compiled
+def edge_slots(row: int, plane: int, samples: int, offsets: I64) -> None:
+    """Fill in how far the slots of a cell's twelve edges and of its inside (13,) are from the cell."""
+    for number in range(4):
+        first, second = number & 1, number >> 1
+        offsets[number] = first * row + second * plane
+        offsets[4 + number] = samples + first + second * plane
+        offsets[8 + number] = 2 * samples + first + second * row
+    offsets[12] = 3 * samples

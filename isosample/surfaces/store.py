@@ -11,6 +11,7 @@ import contextlib
 import errno
 import mmap
 import os
+import stat
 import threading
 import time
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from isosample.errors import CacheError
 from isosample.files import replacing
 from isosample.surfaces.cache_files import digest_of
-from isosample.surfaces.chunk_decoding import decode
+from isosample.surfaces.chunk_decoding import decode, decode_all
 from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_header import OtherVersionError
 from isosample.surfaces.chunk_layout import CHUNK_VERSION
@@ -26,7 +27,6 @@ from isosample.surfaces.plain_chunks import PLAIN_MAGIC, decode_plain, encode_pl
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
-    from io import FileIO
     from pathlib import Path
 
     from isosample.surfaces.mesh import BrickMesh
@@ -162,8 +162,16 @@ class MeshStore:
         return self.folder / CHUNK_FOLDER / key[:2] / f"{key}{CHUNK_SUFFIX}"
 
     def has(self, key: str) -> bool:
-        """Tell whether a chunk is there; it may still be damaged, or be gone a moment later."""
-        return self.path(key).is_file()
+        """Tell whether a chunk is there, which counts as a use; it may still be damaged, or be gone a moment later."""
+        try:
+            state = os.stat(self._file(key))  # noqa: PTH116
+        except OSError:
+            return False
+        if not stat.S_ISREG(state.st_mode):
+            return False
+        self._used.add(key)
+        self._note_use(key, state.st_mtime)
+        return True
 
     def get(self, key: str) -> BrickMesh | None:
         """Return a mesh, bit for bit as it was put; None where it is absent, or cannot be used.
@@ -171,36 +179,68 @@ class MeshStore:
         A chunk that cannot be used is counted in `damaged`, named in `notes`, and removed unless the store is
         read-only, so that whoever extracts it again can put it in its place.
         """
-        path = f"{self._chunks}/{key[:2]}/{key}{CHUNK_SUFFIX}"  # pathlib takes longer than a small chunk
-        self._used.add(key)
-        try:
-            with open(path, "rb", buffering=0) as file:  # noqa: PTH123
-                state = os.fstat(file.fileno())
-                data = self._content(file, state.st_size)
-            mesh = _decoded(data, bytes.fromhex(key))
-        except FileNotFoundError:
-            with self._lock:
-                self.misses += 1
-            return None
-        except (OSError, CacheError) as error:
-            self._give_up(self.path(key), error)
-            return None
-        with self._lock:
-            self.hits += 1
-        if not self.read_only and time.time() - state.st_mtime > TOUCH_SECONDS:
-            with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
-                os.utime(path)
-        return mesh
+        return self.get_all([key])[0]
 
-    def _content(self, file: FileIO, size: int) -> bytes | mmap.mmap:
-        """Return what a chunk's file holds, a large plain one mapped into memory."""
-        if size < MAPPED_BYTES or self._mapped >= MOST_MAPPED:
-            return file.readall()
-        start = os.pread(file.fileno(), len(PLAIN_MAGIC), 0)
-        if start != PLAIN_MAGIC:
-            return file.readall()
-        self._mapped += 1
-        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    def get_all(self, keys: Sequence[str]) -> list[BrickMesh | None]:
+        """Return meshes as `get` does, decoded together; the arrays of small ones are parts of one array."""
+        self._used.update(keys)
+        found: dict[str, BrickMesh] = {}
+        packed: dict[str, bytes] = {}
+        changed: dict[str, float] = {}
+        failed: dict[str, OSError | CacheError] = {}
+        for key in keys:
+            try:
+                data, changed[key] = self._content(self._file(key))
+                if isinstance(data, bytes) and data[: len(PLAIN_MAGIC)] != PLAIN_MAGIC:
+                    packed[key] = data
+                else:
+                    found[key] = decode_plain(data, name=bytes.fromhex(key))
+            except FileNotFoundError:
+                continue
+            except (OSError, CacheError) as error:
+                failed[key] = error
+        decoded = decode_all(list(packed.values()), [bytes.fromhex(key) for key in packed])
+        for key, mesh in zip(packed, decoded, strict=True):
+            if isinstance(mesh, CacheError):
+                failed[key] = mesh
+            else:
+                found[key] = mesh
+        for key, reason in failed.items():
+            self._give_up(self.path(key), reason)
+        with self._lock:
+            self.hits += len(found)
+            self.misses += len(keys) - len(found)
+        for key in found:
+            self._note_use(key, changed[key])
+        return [found.get(key) for key in keys]
+
+    def _file(self, key: str) -> str:
+        """Return the file of a chunk; pathlib takes longer than a small chunk."""
+        return f"{self._chunks}/{key[:2]}/{key}{CHUNK_SUFFIX}"
+
+    def _note_use(self, key: str, noted: float) -> None:
+        """Note that a chunk is used now, unless its last use was noted a moment ago."""
+        if not self.read_only and time.time() - noted > TOUCH_SECONDS:
+            with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
+                os.utime(self._file(key))
+
+    def _content(self, path: str) -> tuple[bytes | mmap.mmap, float]:
+        """Return what a chunk's file holds, a large plain one mapped into memory, and when it was changed."""
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            state = os.fstat(file)
+            size = state.st_size
+            if size >= MAPPED_BYTES and self._mapped < MOST_MAPPED:
+                start = os.pread(file, len(PLAIN_MAGIC), 0)
+                if start == PLAIN_MAGIC:
+                    self._mapped += 1
+                    return mmap.mmap(file, 0, access=mmap.ACCESS_READ), state.st_mtime
+            data = os.read(file, size)
+            while len(data) < size and (more := os.read(file, size - len(data))):
+                data += more
+            return data, state.st_mtime
+        finally:
+            os.close(file)
 
     def put(self, key: str, mesh: BrickMesh) -> None:
         """Keep a mesh, which may be empty.
@@ -305,7 +345,6 @@ class MeshStore:
         reason = f"it cannot be read ({error.strerror})." if isinstance(error, OSError) else str(error)
         with self._lock:
             self.damaged += 1
-            self.misses += 1
             self.notes.append(f"{path} is damaged: {reason}")
         if isinstance(error, OtherVersionError | OSError) or self.read_only:
             return

@@ -139,6 +139,37 @@ def test_a_budget_holds_and_spares_what_the_run_uses(tmp_path: Path) -> None:
     assert {key_of(number) for number in (0, 10, *range(20, 40))} == set(store.keys())
 
 
+def test_a_chunk_that_was_asked_for_is_in_use(tmp_path: Path) -> None:
+    filled(tmp_path, 6)
+    size = MeshStore(tmp_path).chunks()[0].size_bytes
+    store = MeshStore(tmp_path, budget_bytes=3 * size)
+    assert store.has(key_of(0))
+    assert time.time() - store.path(key_of(0)).stat().st_mtime < 60
+    store.put(key_of(6), any_mesh(20))
+    assert set(store.keys()) == {key_of(0), key_of(6)}
+    watching = MeshStore(tmp_path, read_only=True)
+    os.utime(store.path(key_of(0)), (1e9, 1e9))
+    assert watching.has(key_of(0))
+    assert store.path(key_of(0)).stat().st_mtime == 1e9
+
+
+def test_chunks_loaded_together_come_each_as_alone(tmp_path: Path) -> None:
+    """Packed and plain ones, an empty, a damaged and a missing one; damage to one does not touch the others."""
+    counts = (30, 0, 500, 7, 3000, 12)
+    for number, count in enumerate(counts):
+        MeshStore(tmp_path, plain=number % 3 == 2).put(key_of(number), any_mesh(count))
+    path = MeshStore(tmp_path).path(key_of(3))
+    path.write_bytes(path.read_bytes()[:-5] + b"wrong")
+    store = MeshStore(tmp_path)
+    found = store.get_all([key_of(number) for number in (5, 4, 99, 3, 2, 1, 0)])
+    assert [mesh is None for mesh in found] == [False, False, True, True, False, False, False]
+    expected = [any_mesh(count) for count in (12, 3000, 500, 0, 30)]
+    for mesh, same in zip([mesh for mesh in found if mesh is not None], expected, strict=True):
+        assert_same(mesh, same)
+    assert (store.hits, store.misses, store.damaged) == (5, 2, 1)
+    assert store.notes[0].startswith(f"{path} is damaged")
+
+
 def test_reading_notes_the_use_and_a_read_only_store_notes_nothing(tmp_path: Path) -> None:
     path = filled(tmp_path, 1).path(key_of(0))
     watching = MeshStore(tmp_path, read_only=True)
