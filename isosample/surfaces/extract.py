@@ -30,10 +30,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from isosample.surfaces.marching_cubes import LocalMesh
+    from isosample.surfaces.mesh import I32
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, Volume
 
 SCANNED_TOGETHER = 32  # bricks whose ranges one thread looks for at a time
+VISITED_TOGETHER = 8  # bricks that a thread extracts in a row, so that handing them over costs little
+SHARES = 4  # of what is left a thread takes one in so many: all end at about the same time
 
 
 def extract_surfaces(
@@ -176,12 +179,32 @@ def extract_brick(
     """
     mirrored = volume.geometry.left_handed
     found = zip(isovalues.tolist(), march_levels(samples, isovalues), strict=True)
-    meshes = (
-        _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
+    if samples.smooth or settings.rounds or settings.detail or settings.residuals:
+        meshes = (
+            _brick_mesh(samples, isovalue, local, brick, mirrored, settings)
+            for isovalue, local in found
+            if len(local.triangles)
+        )
+        return [mesh for mesh in meshes if mesh is not None]
+    return [
+        BrickMesh(
+            isovalue=isovalue,
+            brick=brick.index,
+            start=brick.start,
+            positions=local.positions,
+            gradients=local.gradients,
+            edge_keys=local.keys,
+            triangles=_wound(local.triangles, mirrored),
+            residuals=no_residuals(len(local.positions)),
+        )
         for isovalue, local in found
         if len(local.triangles)
-    )
-    return [mesh for mesh in meshes if mesh is not None]
+    ]
+
+
+def _wound(triangles: I32, mirrored: bool) -> I32:
+    """Return triangles wound for world space."""
+    return np.ascontiguousarray(triangles[:, [0, 2, 1]]) if mirrored else triangles
 
 
 def _brick_mesh(
@@ -221,7 +244,7 @@ def _brick_mesh(
         positions=positions,
         gradients=gradients,
         edge_keys=keys,
-        triangles=np.ascontiguousarray(triangles[:, [0, 2, 1]]) if mirrored else triangles,
+        triangles=_wound(triangles, mirrored),
         residuals=residuals,
         error=error,
     )
@@ -255,11 +278,23 @@ def _visit_bricks(
         )
         return extract_brick(samples, isovalues, brick, nodes, settings)
 
-    pool = ThreadPoolExecutor(max_workers=os.cpu_count())
+    workers = os.cpu_count() or 1
+    groups = _groups(visits, workers)
+    pool = ThreadPoolExecutor(max_workers=workers)
     try:
-        yield from pool.map(visit, visits)
+        for found in pool.map(lambda group: [visit(task) for task in group], groups):
+            yield from found
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _groups(visits: Sequence[tuple[Brick, F64]], workers: int) -> Iterator[Sequence[tuple[Brick, F64]]]:
+    """Divide visits into parts that a thread takes at a time: some at first, single ones at last."""
+    first = 0
+    while first < len(visits):
+        count = min(max((len(visits) - first) // (SHARES * workers), 1), VISITED_TOGETHER)
+        yield visits[first : first + count]
+        first += count
 
 
 def _ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:

@@ -23,6 +23,7 @@ MOST_LEVELS = 30_000  # at once: ranks are 16-bit integers
 ALL_CELLS = np.zeros((0, 0, 0), dtype=np.uint8)
 MOST_VERTICES = 13  # of a cell
 TOGETHER = 1 << 16  # triangles whose arrays are one: below a megabyte the allocator uses memory again
+NO_NODES = np.zeros((0, 0, 0, 4))
 ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
 
@@ -133,8 +134,12 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
     )
     rings = SCRATCH.room("rings", (centre_count, numbering_kernels.RING), np.int32)
     slots = SCRATCH.room("slots", numbering_kernels.SLOT_PLANES * columns * rows, np.int32)
-    nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
-    vertex_kernels.fill_nodes(brick.padded, nodes)
+    nodes = NO_NODES
+    if (
+        vertex_kernels.NODES_PER_VERTEX * int(triangle_counts.sum()) > 2 * capacity
+    ):  # two triangles per vertex
+        nodes = SCRATCH.room("nodes", (planes - 2, rows - 2, columns - 2, 4), np.float64)
+        vertex_kernels.fill_nodes(brick.padded, nodes)
     meshes: list[LocalMesh] = []
     for part in _parts(triangle_counts):
         triangle_start = _starts(triangle_counts[part])
@@ -161,6 +166,7 @@ def _march(brick: BrickSamples, levels: F64) -> list[LocalMesh]:
         gradients = np.empty((vertex_count, 3), dtype=np.float32)
         keys = np.empty(vertex_count, dtype=np.int64)
         vertex_kernels.put_vertices(
+            brick.padded,
             nodes,
             levels[part],
             codes,

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     I64 = npt.NDArray[np.int64]
 
 BLOCK = 128  # vertices that are interpolated at a time, a core taking many at once
+NODES_PER_VERTEX = 3
 ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
 BOUND = float(LARGEST_MANTISSA)
 
@@ -68,6 +69,7 @@ def slope(behind: float, here: float, ahead: float) -> float:
 
 @compiled
 def put_vertices(
+    padded: F64,
     nodes: F64,
     levels: F64,
     codes: I32,
@@ -83,8 +85,11 @@ def put_vertices(
 
     Parameters
     ----------
+    padded : (Z + 2, Y + 2, X + 2) float64
+        As for `fill_nodes`.
     nodes : (Z, Y, X, 4) float64
-        As `fill_nodes` leaves them.
+        As `fill_nodes` leaves them, or empty: then slopes are computed where vertices are, which takes less time
+        where there are more than some `NODES_PER_VERTEX` samples for each.
     levels : (L,) float64
     codes, rings, vertex_start
         As `numbering_kernels.number_vertices` leaves them, cut to their number.
@@ -93,11 +98,13 @@ def put_vertices(
     positions, gradients, keys
         Out; (V, 3) float32, (V, 3) float32, (V,) int64.
     """
-    row = nodes.shape[2]
-    plane = nodes.shape[1] * row
-    samples = nodes.reshape(-1, 4)
+    row, plane = padded.shape[2] - 2, (padded.shape[1] - 2) * (padded.shape[2] - 2)
+    wide_row, wide_plane = padded.shape[2], padded.shape[1] * padded.shape[2]
+    samples, values = nodes.reshape(-1, 4), padded.reshape(-1)
     first = start[0] + size[0] * (start[1] + size[1] * start[2])
     block, strides = np.zeros(8 * BLOCK), np.array([1, row, plane, 0])
+    around, wide_strides = np.zeros(7 * BLOCK), np.array([1, wide_row, wide_plane, 0])
+    ends = np.zeros(BLOCK, dtype=np.int64)
     for level in range(len(levels)):
         isovalue = levels[level]
         for begin in range(vertex_start[level], vertex_start[level + 1], BLOCK):
@@ -109,11 +116,21 @@ def put_vertices(
                 y = code >> COORDINATE_BITS & COORDINATE_MASK
                 z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
                 keys[begin + i] = axis + 3 * (first + x + size[0] * (y + size[1] * z))
-                a = x + row * y + plane * z
-                b = a + strides[axis]
-                for c in range(4):
-                    block[i + c * BLOCK] = samples[a, c]
-                    block[i + (4 + c) * BLOCK] = samples[b, c]
+                if nodes.size:
+                    a = x + row * y + plane * z
+                    b = a + strides[axis]
+                    for c in range(4):
+                        block[i + c * BLOCK] = samples[a, c]
+                        block[i + (4 + c) * BLOCK] = samples[b, c]
+                else:
+                    a = x + 1 + wide_row * (y + 1) + wide_plane * (z + 1)
+                    ends[i] = a + wide_strides[axis]
+                    put_around(values, a, wide_row, wide_plane, i, around)
+            if not nodes.size:
+                put_slopes(around, block[: 4 * BLOCK])
+                for i in range(count):
+                    put_around(values, ends[i], wide_row, wide_plane, i, around)
+                put_slopes(around, block[4 * BLOCK :])
             interpolate(isovalue, block)
             for i in range(count):
                 n = begin + i
@@ -134,6 +151,29 @@ def put_vertices(
         z = codes[n] >> 2 * COORDINATE_BITS & COORDINATE_MASK
         keys[n] = inner_keys + first + x + size[0] * (y + size[1] * z)
         put_mean(n, rings[m, 2 : 2 + rings[m, 1]], (x, y, z), positions, gradients)
+
+
+@compiled
+def put_around(values: F64, place: int, row: int, plane: int, i: int, around: F64) -> None:
+    """Put a sample and its neighbours behind and ahead along x, y, z into column `i` of seven rows."""
+    around[i] = values[place]
+    around[i + BLOCK] = values[place - 1]
+    around[i + 2 * BLOCK] = values[place + 1]
+    around[i + 3 * BLOCK] = values[place - row]
+    around[i + 4 * BLOCK] = values[place + row]
+    around[i + 5 * BLOCK] = values[place - plane]
+    around[i + 6 * BLOCK] = values[place + plane]
+
+
+@compiled
+def put_slopes(around: F64, found: F64) -> None:
+    """Fill in samples and slopes along x, y, z, four rows, from what `put_around` put side by side."""
+    for i in range(BLOCK):
+        found[i] = around[i]
+    for axis in range(3):
+        behind, ahead = (1 + 2 * axis) * BLOCK, (2 + 2 * axis) * BLOCK
+        for i in range(BLOCK):
+            found[i + (1 + axis) * BLOCK] = slope(around[i + behind], around[i], around[i + ahead])
 
 
 @compiled

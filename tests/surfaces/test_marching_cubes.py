@@ -18,6 +18,7 @@ from mesh_checks import (
     noise_with_holes,
 )
 
+from isosample.surfaces import vertex_kernels
 from isosample.surfaces.brick_samples import load_brick
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.march_kernels import COUNTED_LEVELS
@@ -217,3 +218,20 @@ def test_vertices_are_those_of_scikit_image_and_surfaces_within_half_a_cell(name
     # vertices inside cells: in noise scikit-image joins sheets inside a cell that stay apart here
     assert np.quantile(back, 1.0 if name == "smooth" else 0.99) < 0.5
     assert back.max() < 1.0
+
+
+@pytest.mark.parametrize("name", scenes())
+def test_slopes_looked_for_at_vertices_are_those_of_all_samples(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Which of the two is done depends on the number of vertices, and may change no bit."""
+    samples, isovalues = scenes()[name]
+    volume = Volume(samples)
+    brick = load_brick(volume, bricks_of(volume.size_xyz)[0])
+    found = []
+    for nodes_per_vertex in (0, 10**9):
+        monkeypatch.setattr(vertex_kernels, "NODES_PER_VERTEX", nodes_per_vertex)
+        found.append(march_levels(brick, np.array(isovalues)))
+    for at_vertices, at_samples in zip(*found, strict=True):
+        for field in ("positions", "gradients", "keys", "triangles"):
+            assert getattr(at_vertices, field).tobytes() == getattr(at_samples, field).tobytes(), field
