@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isosample.errors import CacheError
+from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.brick_samples import load_brick, spline_brick
 from isosample.surfaces.chunk_table import ChunkTable, chunk_row
-from isosample.surfaces.extract import extract_brick
 from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.store import chunk_key
 from isosample.surfaces.surface_files import listed_key, read_rows

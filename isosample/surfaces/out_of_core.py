@@ -12,10 +12,10 @@ import numpy as np
 
 from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
+from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.brick_samples import load_brick
 from isosample.surfaces.cache_levels import no_mesh
 from isosample.surfaces.chunk_table import ChunkTable, chunk_row
-from isosample.surfaces.extract import extract_brick
 from isosample.surfaces.memory import DEFAULT_MEMORY, Gate, MemoryPlan
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import chunk_key

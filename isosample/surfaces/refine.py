@@ -57,7 +57,7 @@ def settle_centres(mesh: NamedMesh, brick: BrickSamples, isovalue: float, rows: 
     """Return the mesh with the given vertices, which lie inside cells, moved onto the isosurface."""
     if rows.size == 0:
         return mesh
-    from isosample.surfaces.root_kernels import place_centres
+    from isosample.surfaces.placement_kernels import place_centres
 
     places = np.ascontiguousarray(mesh.positions[rows])
     place_centres(
@@ -150,7 +150,7 @@ def _edges(triangles: I32, vertex_count: int, first_new: int) -> tuple[I64, I64]
 
 def _divide(mesh: NamedMesh, brick: BrickSamples, isovalue: float, edges: I64) -> tuple[F64, Bool]:
     """Places of the vertices that divide edges, and which edges are divided at all."""
-    from isosample.surfaces.root_kernels import divide_edges
+    from isosample.surfaces.edge_division_kernels import divide_edges
 
     places, divided = np.zeros((len(edges), 3)), np.zeros(len(edges), dtype=np.bool_)
     divide_edges(
