@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from isosample.errors import CacheError
 from isosample.surfaces.cache_files import read_arrays, read_json
+from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk, remove
 from isosample.surfaces.chunk_table import CHUNK_ROW
-from isosample.surfaces.store import CHUNK_FOLDER, DamagedChunk, MeshStore, remove
 from isosample.surfaces.surface_files import surface_path
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def summarise(folder: Path) -> FolderSummary:
         name, size_xyz = volume["name"], tuple(volume["geometry"]["size_xyz"])
     except CacheError as error:
         problem = str(error)
-    chunks = MeshStore(folder, read_only=True).chunks()
+    chunks = ChunkFolder(folder, read_only=True).chunks()
     return FolderSummary(
         folder=folder,
         name=name,
@@ -139,7 +139,7 @@ def verify_folder(folder: Path) -> FolderVerified:
             continue
         if name == "scene.json":
             damaged += _missing_lists(folder, document)
-    store = MeshStore(folder, read_only=True)
+    store = ChunkFolder(folder, read_only=True)
     for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
         try:
             arrays, _ = read_arrays(path, {})
@@ -182,7 +182,7 @@ def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool =
     CacheError
         If a file cannot be removed.
     """
-    stores = [MeshStore(folder) for folder in folders]
+    stores = [ChunkFolder(folder) for folder in folders]
     there = [(chunk.used, number, chunk) for number, store in enumerate(stores) for chunk in store.chunks()]
     excess = sum(chunk.size_bytes for _, _, chunk in there) - budget_bytes
     counts, freed = [0] * len(stores), [0] * len(stores)

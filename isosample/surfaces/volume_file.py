@@ -1,0 +1,62 @@
+"""Whose a cache folder is: volume.json holds a volume's name, geometry and the digest of its samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from isosample.errors import CacheError
+from isosample.surfaces.cache_files import digest_of, read_json, write_json
+from isosample.volume.bricks import BRICK_CELLS
+from isosample.volume.scan import scan_volume
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from isosample.volume.geometry import GridGeometry
+    from isosample.volume.grid import Volume
+    from isosample.volume.scan import BrickScan
+
+
+def content_hash(volume: Volume, scan: BrickScan | None = None) -> str:
+    """Return a sha256 of a volume's geometry, dtype and samples, hexadecimal.
+
+    Parameters
+    ----------
+    volume : Volume
+        Read once, block by block.
+    scan : BrickScan, optional
+        Of this volume with bricks of `BRICK_CELLS`, where there is one: then nothing is read.
+    """
+    if scan is None or scan.brick_cells != BRICK_CELLS:
+        scan = scan_volume(volume)
+    return digest_of({"geometry": volume.geometry.to_dict(), "samples": scan.content})
+
+
+def claim_folder(folder: Path, geometry: GridGeometry, content_hash: str, name: str) -> None:
+    """Write volume.json unless it is there; refuse another volume's folder."""
+    if not _check_owner(folder, content_hash):
+        entries = {"name": name, "content_hash": content_hash, "geometry": geometry.to_dict()}
+        write_json(folder / "volume.json", "cache", entries)
+
+
+def _check_owner(folder: Path, content_hash: str) -> bool:
+    """Tell whether a folder is the volume's already; raise `CacheError` if it is another one's."""
+    if not (folder / "volume.json").exists():
+        return False
+    found = read_volume(folder)["content_hash"]
+    if found != content_hash:
+        raise CacheError(
+            f"{folder} holds surfaces of another volume (content {found[:12]}…, this one has "
+            f"{content_hash[:12]}…). Choose another --cache folder."
+        )
+    return True
+
+
+def read_volume(folder: Path) -> dict[str, Any]:
+    """Return what volume.json says; raise `CacheError` where there is none, or it cannot be used."""
+    if not (folder / "volume.json").is_file():
+        raise CacheError(
+            f"{folder} is not a mesh cache: it has no volume.json. "
+            "Make one with `isosample precompute VOLUME --tf TF --cache FOLDER`."
+        )
+    return read_json(folder / "volume.json", "cache")
