@@ -147,8 +147,9 @@ def _padded_samples(volume: Volume, brick: Brick, *, passing: bool = False) -> t
         padded = SCRATCH.room("padded", shape, np.float64) if passing else np.empty(shape)
         corner = (brick.start[0] - 1, brick.start[1] - 1, brick.start[2] - 1)
         all_finite = fill_padded(plain, corner, padded)
-        padded.setflags(write=False)
-        return padded, all_finite
+        read_only = padded.view()
+        read_only.setflags(write=False)
+        return read_only, all_finite
     source: list[slice] = []
     inside: list[slice] = []
     for axis in (2, 1, 0):

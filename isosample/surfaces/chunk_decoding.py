@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 U8 = npt.NDArray[np.uint8]
 
-TOGETHER = 1 << 15  # triangles whose arrays are one: below a megabyte the allocator uses memory again
+TOGETHER = 1 << 13  # triangles whose arrays are one: below 128 kB the allocator uses memory again
 _FIGURES = struct.Struct(f"<{ERROR_COUNT}d")
 _FAULTS = (
     "",

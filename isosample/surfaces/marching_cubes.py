@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +26,7 @@ NO_NODES = np.zeros((0, 0, 0, 4))
 ALL_FRESH = np.zeros((0, 0, 0), dtype=np.int16)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LocalMesh:
+class LocalMesh(NamedTuple):
     """The piece of one isosurface in one brick, its vertices named in the whole volume.
 
     Attributes

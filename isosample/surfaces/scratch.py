@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -17,14 +17,21 @@ class Scratch(threading.local):
 
     def __init__(self) -> None:
         self._rooms: dict[str, npt.NDArray[np.uint8]] = {}
+        self._last: dict[str, tuple[object, npt.NDArray[np.generic]]] = {}  # as it was asked for last
 
     def room(self, name: str, shape: int | tuple[int, ...], dtype: type[N]) -> npt.NDArray[N]:
         """Return an array of any content; the one of the same name that was asked for before is lost."""
+        asked = (shape, dtype)
+        last = self._last.get(name)
+        if last is not None and last[0] == asked:
+            return cast("npt.NDArray[N]", last[1])
         size = (shape if isinstance(shape, int) else math.prod(shape)) * np.dtype(dtype).itemsize
         kept = self._rooms.get(name)
         if kept is None or kept.size < size:
             kept = self._rooms[name] = np.empty(size, dtype=np.uint8)
-        return kept[:size].view(dtype).reshape(shape)
+        found = kept[:size].view(dtype).reshape(shape)
+        self._last[name] = (asked, found)
+        return found
 
 
 SCRATCH = Scratch()

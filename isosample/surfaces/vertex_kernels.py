@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     I64 = npt.NDArray[np.int64]
 
 BLOCK = 128  # vertices that are interpolated at a time, a core taking many at once
-NODES_PER_VERTEX = 3
+NODES_PER_VERTEX = 2
 ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
 BOUND = float(LARGEST_MANTISSA)
 
@@ -99,38 +99,30 @@ def put_vertices(
         Out; (V, 3) float32, (V, 3) float32, (V,) int64.
     """
     row, plane = padded.shape[2] - 2, (padded.shape[1] - 2) * (padded.shape[2] - 2)
-    wide_row, wide_plane = padded.shape[2], padded.shape[1] * padded.shape[2]
     samples, values = nodes.reshape(-1, 4), padded.reshape(-1)
     first = start[0] + size[0] * (start[1] + size[1] * start[2])
     block, strides = np.zeros(8 * BLOCK), np.array([1, row, plane, 0])
-    around, wide_strides = np.zeros(7 * BLOCK), np.array([1, wide_row, wide_plane, 0])
-    ends = np.zeros(BLOCK, dtype=np.int64)
+    around, wide = np.zeros(14 * BLOCK), (padded.shape[2], padded.shape[1] * padded.shape[2])
     for level in range(len(levels)):
         isovalue = levels[level]
         for begin in range(vertex_start[level], vertex_start[level + 1], BLOCK):
             count = min(BLOCK, vertex_start[level + 1] - begin)
+            part = codes[begin : begin + count]
+            if not nodes.size:
+                put_around(values, wide, part, around)
+                put_slopes(around, block)
             for i in range(count):
-                code = codes[begin + i]
+                code = part[i]
                 axis = code >> CASE_SHIFT
                 x = code & COORDINATE_MASK
                 y = code >> COORDINATE_BITS & COORDINATE_MASK
                 z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
                 keys[begin + i] = axis + 3 * (first + x + size[0] * (y + size[1] * z))
-                if nodes.size:
-                    a = x + row * y + plane * z
-                    b = a + strides[axis]
-                    for c in range(4):
-                        block[i + c * BLOCK] = samples[a, c]
-                        block[i + (4 + c) * BLOCK] = samples[b, c]
-                else:
-                    a = x + 1 + wide_row * (y + 1) + wide_plane * (z + 1)
-                    ends[i] = a + wide_strides[axis]
-                    put_around(values, a, wide_row, wide_plane, i, around)
-            if not nodes.size:
-                put_slopes(around, block[: 4 * BLOCK])
-                for i in range(count):
-                    put_around(values, ends[i], wide_row, wide_plane, i, around)
-                put_slopes(around, block[4 * BLOCK :])
+                a = x + row * y + plane * z
+                b = a + strides[axis]
+                for c in range(4 if nodes.size else 0):
+                    block[i + c * BLOCK] = samples[a, c]
+                    block[i + (4 + c) * BLOCK] = samples[b, c]
             interpolate(isovalue, block)
             for i in range(count):
                 n = begin + i
@@ -154,26 +146,43 @@ def put_vertices(
 
 
 @compiled
-def put_around(values: F64, place: int, row: int, plane: int, i: int, around: F64) -> None:
-    """Put a sample and its neighbours behind and ahead along x, y, z into column `i` of seven rows."""
-    around[i] = values[place]
-    around[i + BLOCK] = values[place - 1]
-    around[i + 2 * BLOCK] = values[place + 1]
-    around[i + 3 * BLOCK] = values[place - row]
-    around[i + 4 * BLOCK] = values[place + row]
-    around[i + 5 * BLOCK] = values[place - plane]
-    around[i + 6 * BLOCK] = values[place + plane]
+def put_around(values: F64, strides: tuple[int, int], codes: I32, around: F64) -> None:
+    """Put what slopes at the ends of edges need into columns, one per vertex.
+
+    Seven rows of `BLOCK` numbers for the lower ends, and seven for the upper ones: the sample, and its neighbours
+    behind and ahead along x, y, z. `strides` leads from a sample to the next along y and z.
+    """
+    row, plane = strides
+    along = np.array([1, row, plane, 0])
+    for i in range(len(codes)):
+        code = codes[i]
+        x = code & COORDINATE_MASK
+        y = code >> COORDINATE_BITS & COORDINATE_MASK
+        z = code >> 2 * COORDINATE_BITS & COORDINATE_MASK
+        place = x + 1 + row * (y + 1) + plane * (z + 1)
+        for end in range(2):
+            column = i + end * 7 * BLOCK
+            around[column] = values[place]
+            around[column + BLOCK] = values[place - 1]
+            around[column + 2 * BLOCK] = values[place + 1]
+            around[column + 3 * BLOCK] = values[place - row]
+            around[column + 4 * BLOCK] = values[place + row]
+            around[column + 5 * BLOCK] = values[place - plane]
+            around[column + 6 * BLOCK] = values[place + plane]
+            place += along[code >> CASE_SHIFT]
 
 
 @compiled
 def put_slopes(around: F64, found: F64) -> None:
-    """Fill in samples and slopes along x, y, z, four rows, from what `put_around` put side by side."""
-    for i in range(BLOCK):
-        found[i] = around[i]
-    for axis in range(3):
-        behind, ahead = (1 + 2 * axis) * BLOCK, (2 + 2 * axis) * BLOCK
+    """Fill in samples and slopes along x, y, z at both ends, eight rows, from what `put_around` put side by side."""
+    for end in range(2):
+        source, target = around[end * 7 * BLOCK :], found[end * 4 * BLOCK :]
         for i in range(BLOCK):
-            found[i + (1 + axis) * BLOCK] = slope(around[i + behind], around[i], around[i + ahead])
+            target[i] = source[i]
+        for axis in range(3):
+            behind, ahead = (1 + 2 * axis) * BLOCK, (2 + 2 * axis) * BLOCK
+            for i in range(BLOCK):
+                target[i + (1 + axis) * BLOCK] = slope(source[i + behind], source[i], source[i + ahead])
 
 
 @compiled
