@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64, Volume
 
 LEVELS = 26
+WHO = """
+`precompute`, and `render` with a cache folder, an error map or a tolerance, extract with residuals. Without them
+extraction takes about as long as loading: there a cache spares the volume, not the time.
+"""
 
 
 def report(*, quick: bool) -> str:
@@ -54,6 +58,7 @@ def report(*, quick: bool) -> str:
     return (
         f"## Mesh cache, {LEVELS} isovalues\n\n"
         + table(heads, rows)
+        + WHO
         + "\n## Edits of a transfer function, with a cache folder\n\n"
         + table(
             ("edit", "seconds", "(isovalue, brick) pairs extracted", "pairs read"),
