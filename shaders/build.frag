@@ -20,8 +20,13 @@
 
 uniform uint level;
 
+// Rasterisers move vertices to a grid of so many pixels before they decide what is covered.
+const float SNAP = 1.0 / 256.0;
+
 in float depth_view;
 in vec3 gradient_local;
+flat in float corner_depth;
+flat in vec3 corner_gradient;
 #if CURVED
 in vec3 position_local;
 in float moment;
@@ -33,17 +38,21 @@ in float residual_value;
 void main() {
     vec3 ray = pixel_ray();
     float scale = length(ray);
-    float along = dot(gradient_local, ray) / scale;
-    float distance = depth_view * scale;
+    // A triangle seen so nearly from its edge that a grid step is worth a cell of distance: the pixel's centre may be
+    // outside of it, and what is interpolated is then extrapolated, to anywhere. One of its corners is nearer the truth.
+    bool edge_on = fwidth(depth_view) * scale * SNAP > frame.reach;
+    vec3 gradient = edge_on ? corner_gradient : gradient_local;
+    float along = dot(gradient, ray) / scale;
+    float distance = (edge_on ? corner_depth : depth_view) * scale;
 #if CURVED
     float error = curved_error(gradient_local, position_local, moment);
-    distance += curved_shift(error, along, length(gradient_local), frame.curved_limit, gl_FrontFacing);
+    if (!edge_on) distance += curved_shift(error, along, length(gradient), frame.curved_limit, gl_FrontFacing);
 #endif
     uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(min(abs(along), LARGEST_HALF), 0.0)) << 16);
 #if RESIDUAL
     uint normal = floatBitsToUint(residual_value);
 #elif SHADING
-    uint normal = pack_normal(gradient_local / max(length(gradient_local), 1e-30));
+    uint normal = pack_normal(gradient / max(length(gradient), 1e-30));
 #else
     uint normal = 0u;
 #endif

@@ -20,6 +20,8 @@ in vec3 gradient;                         // of the normalised value, per world 
 
 out float depth_view;                     // signed distance along the view direction [world]
 out vec3 gradient_local;
+flat out float corner_depth;             // of one corner of the triangle, see `build.frag`
+flat out vec3 corner_gradient;
 #if CURVED
 out vec3 position_local;
 out float moment;                         // gradient . position, see lib/curved.glsl
@@ -33,6 +35,8 @@ void main() {
     vec3 from_eye = position - frame.eye;
     depth_view = dot(from_eye, frame.forward);
     gradient_local = gradient;
+    corner_depth = depth_view;
+    corner_gradient = gradient;
 #if CURVED
     position_local = position;
     moment = dot(gradient, position);

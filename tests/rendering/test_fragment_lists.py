@@ -189,3 +189,27 @@ def test_slopes_are_the_derivative_along_the_ray(gl: moderngl.Context) -> None:
     assert len(lists.slopes) > 100
     assert np.allclose(lists.slopes, expected, rtol=2.0**-11 + 1e-6, atol=0)  # half floats have 11 bits
     assert np.all(lists.rising == (along > 0))
+
+
+def test_crossings_with_triangles_seen_from_their_edge_stay_near_them(gl: moderngl.Context) -> None:
+    """A rough surface along the rays: distances run from one end of the box to the other and hardly further.
+
+    Its triangles are seen so nearly from the edge that the grid to which the rasteriser moves vertices decides which
+    pixels they cover, also ones whose centre is beside the triangle. What they interpolate there is then extrapolated.
+    """
+    _, y, x = np.meshgrid(*[np.arange(9.0)] * 3, indexing="ij")
+    rough = np.random.default_rng(1).standard_normal(x.shape)
+    eye, target = (4.0, 4.0, 20.0), (4.0, 4.0, 0.0)
+    camera = Camera(projection=Projection.ORTHOGRAPHIC, eye=eye, target=target, height=8.0)
+    tf = TransferFunction([], [Isosurface(0.0, (1.0, 1.0, 1.0), 0.5)])
+    found = 0
+    for roughness in 10.0 ** np.linspace(-6, -2, 17):
+        volume = Volume(x + 0.73 * y - 6.93 + roughness * rough)
+        plan = plan_isovalues(tf, volume.value_range, per_slope=0)
+        with ABuffer(gl, Scene.build(extract_surfaces(volume, plan.isovalues), plan)) as abuffer:
+            lists = abuffer.fragment_lists(camera, (500, 500), RenderSettings())
+        distances = lists.distances[lists.levels == 0]
+        found += len(distances)
+        # the box is met from 12 to 20; what is taken for a crossing is at most a cell's diagonal away from it
+        assert (np.abs(distances - 16.0) <= 4.0 + np.sqrt(3.0)).all(), roughness
+    assert found > 4000  # of 500² pixels
