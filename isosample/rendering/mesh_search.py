@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+import itertools
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,14 +12,16 @@ from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import reached
 from isosample.rendering.settings import RenderSettings, SegmentRule
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS
+from isosample.surfaces.settings import LARGEST_GROWTH, LEAST_FLATNESS, REFINEMENTS
+from isosample.surfaces.surface_set import count_per_level
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
     from isosample.rendering.planning_views import PlanningViews
+    from isosample.surfaces.mesh import BrickMesh
     from isosample.surfaces.settings import ExtractionSettings
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
@@ -32,6 +35,7 @@ MARGIN = 0.7  # share of the tolerance that the views are to keep to, so that ot
 SMALL_SHARE = (
     1.3  # where the picture errs by less than this many times the exact crossings, finer meshes cannot help
 )
+MORE_STEPS = 2  # with half the flatness each, after the largest refinement
 DOMINANT = 2.0  # the mesh dominates where the picture errs by more than this many times the exact crossings
 
 
@@ -50,8 +54,8 @@ class MeshSearch:
     reason : str
         Why the mesh is not refined further, in words.
     rounds : list of dict
-        ``refine``, ``triangles``, ``error`` and ``above`` (share of the pixels above the tolerance) of every
-        refinement that was tried, JSON-ready.
+        ``refine``, ``flatness``, ``triangles``, ``error`` and ``above`` (share of the pixels above the tolerance) of
+        every refinement that was tried, JSON-ready.
     limited : bool
         Whether the number of triangles ended the search.
     """
@@ -65,15 +69,71 @@ class MeshSearch:
     limited: bool = False
 
 
+class Step(NamedTuple):
+    """How finely a mesh is refined, and edges nearer to the isosurface than what [voxel] are not divided."""
+
+    refine: int
+    flatness: float
+
+
+def steps_of_search(max_refine: int, flatness: float) -> list[Step]:
+    """Refinements in the order in which they are tried: each has about twice the triangles of the one before.
+
+    At refine 4 the flatness is that given [voxel], and half or twice as much one step after or before; where an edge
+    can be divided no more often, smaller ones go on.
+    """
+    possible = [refine for refine in REFINEMENTS if refine <= max_refine]
+    more = [max_refine] * (MORE_STEPS if max_refine > 1 else 0)
+    return [
+        Step(refine, max(flatness * 2.0 ** (3 - number), LEAST_FLATNESS))
+        for number, refine in enumerate([*possible, *more], start=1)
+    ]
+
+
+class KnownMeshes:
+    """Isosurfaces of a volume, each extracted once: one search after another comes back to the same isovalues.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ExtractionSettings
+        All but the refinement and its flatness.
+    """
+
+    def __init__(self, volume: Volume, settings: ExtractionSettings) -> None:
+        self._volume = volume
+        self._settings = settings
+        self._known: dict[tuple[float, Step], list[BrickMesh]] = {}
+
+    def surfaces(self, isovalues: npt.NDArray[np.float64], step: Step) -> SurfaceSet:
+        """Isosurfaces at isovalues (K,), as `extract_surfaces` gives them; other isovalues are forgotten."""
+        wanted = isovalues.tolist()
+        missing = [value for value in wanted if (value, step) not in self._known]
+        settings = replace(self._settings, refine=step.refine, flatness=step.flatness)
+        found = extract_surfaces(self._volume, missing, **settings.as_keywords())
+        kept = set(wanted)
+        self._known = {key: pieces for key, pieces in self._known.items() if key[0] in kept}
+        self._known |= {(value, step): [] for value in missing}
+        for piece in found.meshes:
+            self._known[piece.isovalue, step].append(piece)
+        meshes = tuple(piece for value in wanted for piece in self._known[value, step])
+        statistics = replace(
+            found.statistics,
+            triangles=count_per_level(isovalues, meshes, "triangles"),
+            vertices=count_per_level(isovalues, meshes, "positions"),
+            levels_reused=len(wanted) - len(missing),
+        )
+        return replace(found, isovalues=isovalues, meshes=meshes, statistics=statistics)
+
+
 def search_mesh(
-    volume: Volume,
+    known: KnownMeshes,
     plan: IsovaluePlan,
     views: PlanningViews,
-    settings: ExtractionSettings,
     *,
     tolerance: float,
     exact_error: float,
-    max_refine: int,
+    steps: Sequence[Step],
     max_triangles: int,
     progress: Callable[[int, int], None] | None = None,
 ) -> MeshSearch:
@@ -81,17 +141,18 @@ def search_mesh(
 
     Parameters
     ----------
-    volume : Volume
+    known : KnownMeshes
+        Extracts what it does not have.
     plan : IsovaluePlan
     views : PlanningViews
-    settings : ExtractionSettings
-        Reconstruction, treatment of samples that are not finite, and whether residuals are measured.
     tolerance : float
         Largest error for all but a thousandth of the pixels.
     exact_error : float
         What the same plan leaves with exact crossings.
-    max_refine, max_triangles : int
-        Limits of the refinement; triangles are predicted from the growth so far, fourfold at first.
+    steps : sequence of Step
+        To be tried in turn.
+    max_triangles : int
+        Limit of the refinement; triangles are predicted from the growth so far, fourfold at first.
     progress : callable, optional
         Called with the refinements tried and those possible.
 
@@ -103,28 +164,20 @@ def search_mesh(
     rounds: list[dict[str, Any]] = []
     best: tuple[float, int, SurfaceSet] | None = None
     limited = False
-    possible = [refine for refine in REFINEMENTS if refine <= max_refine]
-    reason = f"refine {max_refine} is the limit"
-    for done, refine in enumerate(possible, start=1):
+    reason = f"refine {steps[-1].refine} is the limit"
+    for done, step in enumerate(steps, start=1):
         if done > 1 and (stop := _no_further(rounds, max_triangles)):
             reason, limited = stop, "triangles" in stop
             break
-        surfaces = extract_surfaces(
-            volume,
-            plan.isovalues,
-            nan_masked=settings.nan_masked,
-            reconstruction=settings.reconstruction,
-            refine=refine,
-            residuals=settings.residuals,
-        )
+        surfaces = known.surfaces(plan.isovalues, step)
         errors = views.errors(_pictures(surfaces, plan, views))
         error, triangles = reached(errors), sum(surfaces.statistics.triangles)
         above = float(np.mean(errors > tolerance))
-        rounds.append({"refine": refine, "triangles": triangles, "error": error, "above": above})
+        rounds.append({**step._asdict(), "triangles": triangles, "error": error, "above": above})
         if best is None or error < best[0]:
-            best = (error, refine, surfaces)
+            best = (error, step.refine, surfaces)
         if progress is not None:
-            progress(done, len(possible))
+            progress(done, len(steps))
         if error <= max(MARGIN * tolerance, SMALL_SHARE * exact_error):
             reason = "its error is no longer the larger part"
             break
@@ -136,15 +189,25 @@ def search_mesh(
 def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:
     """Why a further refinement is not tried; empty where it is."""
     last = rounds[-1]
-    growth = float(LARGEST_GROWTH)
-    if len(rounds) > 1:
-        growth = min(growth, last["triangles"] / max(rounds[-2]["triangles"], 1))
-        if all(last[measure] > LEAST_GAIN * rounds[-2][measure] for measure in ("error", "above")):
-            return f"refining from {rounds[-2]['refine']} to {last['refine']} did not help"
+    growth = _next_growth([entry["triangles"] for entry in rounds])
+    if len(rounds) > 1 and all(last[part] > LEAST_GAIN * rounds[-2][part] for part in ("error", "above")):
+        return f"refining from {rounds[-2]['refine']} to {last['refine']} did not help"
     predicted = int(growth * last["triangles"])
     if predicted > max_triangles:
         return f"a finer one could have {predicted} triangles, more than {max_triangles}"
     return ""
+
+
+def _next_growth(triangles: list[int]) -> float:
+    """By how much the next refinement is expected to multiply the triangles.
+
+    Ever fewer edges are left that are not flat enough: what a round adds shrinks about as it did the last time.
+    """
+    growth = [float(LARGEST_GROWTH)]
+    growth += [min(LARGEST_GROWTH, b / max(a, 1)) for a, b in itertools.pairwise(triangles)]
+    if len(growth) > 2 and growth[-2] > 1.0:
+        return 1.0 + (growth[-1] - 1.0) * min((growth[-1] - 1.0) / (growth[-2] - 1.0), 1.0)
+    return growth[-1]
 
 
 def _pictures(surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews) -> npt.NDArray[np.float32]:

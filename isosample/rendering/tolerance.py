@@ -15,7 +15,7 @@ from isosample.gl.context import shared_context
 from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_isovalues
-from isosample.rendering.mesh_search import search_mesh
+from isosample.rendering.mesh_search import KnownMeshes, search_mesh, steps_of_search
 from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
@@ -44,6 +44,7 @@ LOOSENED = (
     8.0,
 )  # targets for the isovalues, tried in turn while the triangles limit the refinement
 DEFAULT_PIXELS = 48
+FLATNESS_RANGE = (1e-4, 0.05)  # of meshes at refine 4 [voxel]; between these it is the tolerance itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,9 +62,9 @@ class TolerancePlan:
     report : dict
         JSON-ready: ``tolerance``, ``reached`` (the error that a thousandth of the planning pixels exceed),
         ``missed`` (None; "isovalues" or "mesh" where the tolerance is not reached, and what it failed on),
-        ``reason`` in words, ``reconstruction``, ``refine``, ``views``, ``pixels``, ``quantile``, ``rounds``
-        (isovalues and error by exact crossings) and ``refinements`` (refine, triangles, error of the pictures
-        and ``above``, their share of pixels above the tolerance).
+        ``reason`` in words, ``reconstruction``, ``refine``, ``flatness`` [voxel], ``views``, ``pixels``, ``quantile``,
+        ``rounds`` (isovalues and error by exact crossings) and ``refinements`` (refine, flatness, triangles, error of
+        the pictures and ``above``, their share of pixels above the tolerance).
     """
 
     plan: IsovaluePlan
@@ -147,7 +148,12 @@ def plan_for_tolerance(
     """
     least = {"pixels": (pixels, 8), "max_isovalues": (max_isovalues, 1), "max_triangles": (max_triangles, 1)}
     _check(tolerance, max_refine, least)
-    settings = ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction, residuals=True)
+    settings = ExtractionSettings(
+        nan_masked=nan_masked,
+        reconstruction=reconstruction,
+        residuals=True,
+        flatness=float(np.clip(tolerance, *FLATNESS_RANGE)),
+    )
     check_volume(volume, settings)
     cameras = orbit_views(volume.box) if views is None else tuple(views)
     _check_views(cameras)
@@ -176,6 +182,7 @@ def plan_for_tolerance(
         "reason": _reason(isovalues, meshes, max_isovalues),
         "reconstruction": reconstruction.value,
         "refine": meshes.refine,
+        "flatness": meshes.surfaces.settings.flatness,
         "views": tried.describe(),
         "pixels": pixels,
         "quantile": SHOWN_QUANTILE,
@@ -198,7 +205,10 @@ def _search(
     """Isovalues and meshes; fewer isovalues where their triangles leave no room for the refinement that is needed."""
     tolerance, max_isovalues, max_refine, max_triangles = limits
     best: tuple[IsovalueSearch, MeshSearch] | None = None
+    known = KnownMeshes(volume, settings)
     for looser in LOOSENED:
+        if best is not None and SAFETY * looser * tolerance >= best[1].error:
+            break  # exact crossings may then err as much as the meshes that are there
         isovalues = _search_isovalues(
             volume,
             transfer_function,
@@ -209,13 +219,12 @@ def _search(
             progress,
         )
         meshes = search_mesh(
-            volume,
+            known,
             isovalues.plan,
             views,
-            settings,
             tolerance=tolerance,
             exact_error=isovalues.error,
-            max_refine=max_refine,
+            steps=steps_of_search(max_refine, settings.flatness),
             max_triangles=max_triangles,
             progress=_stage(progress, "refine"),
         )

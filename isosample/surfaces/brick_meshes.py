@@ -83,9 +83,8 @@ def _brick_mesh(
         named = NamedMesh(positions.astype(np.float64), gradients.astype(np.float64), keys, triangles)
         if samples.smooth or settings.rounds:
             inner = np.flatnonzero(keys >= 3 * samples.sample_count)
-            named = refined(
-                settle_centres(named, samples, isovalue, inner), samples, isovalue, settings.rounds
-            )
+            settled = settle_centres(named, samples, isovalue, inner)
+            named = refined(settled, samples, isovalue, settings.rounds, settings.flatness)
         if settings.detail:
             coarser = coarsened(named, samples, isovalue, settings.detail)
             if coarser is None:

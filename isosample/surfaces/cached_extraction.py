@@ -21,7 +21,7 @@ from isosample.surfaces.cache_levels import (
     rows_of,
     wanted_pieces,
 )
-from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
+from isosample.surfaces.settings import FLATNESS, ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import MeshStore, full_disk_explained
 from isosample.surfaces.surface_files import surface_key, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
@@ -49,6 +49,7 @@ def extract_with_cache(
     refine: int = 1,
     residuals: bool = False,
     detail: int = 0,
+    flatness: float = FLATNESS,
     budget_bytes: int | None = None,
     plain: bool = False,
     extracted: SurfaceSet | None = None,
@@ -58,7 +59,7 @@ def extract_with_cache(
 
     Parameters
     ----------
-    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, detail, progress
+    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, detail, flatness, progress
         As for `extract_surfaces`.
     folder : path
         The volume's cache folder, made if absent. One that cannot be written is read, with a warning where
@@ -94,6 +95,7 @@ def extract_with_cache(
         refine=refine,
         residuals=residuals,
         detail=detail,
+        flatness=flatness,
     )
     levels = check_isovalues(isovalues)
     _check_extracted(extracted, levels, settings)

@@ -9,7 +9,7 @@ from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import read_boundary
 from isosample.surfaces.cache_levels import load_pieces
 from isosample.surfaces.chunk_table import ChunkTable
-from isosample.surfaces.settings import ExtractionSettings, check_isovalues
+from isosample.surfaces.settings import FLATNESS, ExtractionSettings, check_isovalues
 from isosample.surfaces.store import MeshStore
 from isosample.surfaces.stored_surfaces import StoredSurfaces
 from isosample.surfaces.surface_files import listed_key, read_rows, surface_path
@@ -36,6 +36,7 @@ def load_surface_set(
     refine: int = 1,
     residuals: bool = False,
     detail: int = 0,
+    flatness: float = FLATNESS,
 ) -> SurfaceSet:
     """Return surfaces of a cache folder, which were extracted with the same settings, all in memory.
 
@@ -53,6 +54,7 @@ def load_surface_set(
         refine=refine,
         residuals=residuals,
         detail=detail,
+        flatness=flatness,
     )
     return in_memory(open_surface_set(folder, isovalues, settings))
 

@@ -12,6 +12,7 @@ import numpy as np
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.brick_samples import load_brick, spline_brick
+from isosample.surfaces.settings import FLATNESS
 from isosample.surfaces.settings import ExtractionSettings as ExtractionSettings
 from isosample.surfaces.settings import check_isovalues as check_isovalues
 from isosample.surfaces.settings import check_volume as check_volume
@@ -44,6 +45,7 @@ def extract_surfaces(
     refine: int = 1,
     residuals: bool = False,
     detail: int = 0,
+    flatness: float = FLATNESS,
     progress: Callable[[int, int], None] | None = None,
 ) -> SurfaceSet:
     """Return the isosurfaces of a volume at the given values.
@@ -72,6 +74,8 @@ def extract_surfaces(
     detail : int
         0, or 1 to 5 for coarser meshes, within 1/32 to 1/2 voxel of the isosurfaces; see `isosample.surfaces.detail`.
         Pieces that would hardly get coarser are left out.
+    flatness : float
+        With `refine`: edges whose middle is nearer to the isosurface stay whole [voxel], 1e-5 to 0.5.
     progress : callable, optional
         Called with (bricks done, bricks to do) after every brick.
 
@@ -92,6 +96,7 @@ def extract_surfaces(
         refine=refine,
         residuals=residuals,
         detail=detail,
+        flatness=flatness,
     )
     levels = check_isovalues(isovalues)
     tally(EXTRACTIONS)

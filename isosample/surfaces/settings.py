@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64, Volume
 
 REFINEMENTS = (1, 2, 4, 8)
+FLATNESS = 1e-3  # default of `ExtractionSettings.flatness`, see `refine` for what it gives [voxel]
+LEAST_FLATNESS, LARGEST_FLATNESS = 1e-5, 0.5
 LARGEST_GROWTH = 4  # from one refinement to the next a triangle is divided into four at most
 LARGEST_SPAN = float(np.finfo(np.float32).max)  # gradients are float32
 # Coefficients of an interpolating cubic spline are at most 3 times the samples along each axis, and the
 # slopes of its weights add up to at most 2: 3³ · 2 < 64.
 SPLINE_STEEPNESS = 64.0
+LATER = {"detail": 0, "flatness": FLATNESS}  # settings that the first cache folders did not have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,6 +46,9 @@ class ExtractionSettings:
         4 or 8.
     detail : int
         0: meshes as extracted; 1 to 5: coarser ones, see `surfaces.detail`.
+    flatness : float
+        Edges whose middle is nearer to the isosurface are not divided [voxel]; 1e-5 to 0.5, of no effect without
+        `refine`.
     residuals : bool
         Whether the meshes carry their distance from the isosurface (`BrickMesh.residuals`, `error`).
 
@@ -58,6 +64,7 @@ class ExtractionSettings:
     refine: int = 1
     residuals: bool = False
     detail: int = 0
+    flatness: float = FLATNESS
 
     def __post_init__(self) -> None:
         if not 1 <= self.brick_cells <= LARGEST_BRICK_CELLS:
@@ -74,6 +81,10 @@ class ExtractionSettings:
                 f"refine {self.refine!r} is not possible; an edge can be divided into 1, 2, 4 or 8."
             )
 
+        if not LEAST_FLATNESS <= self.flatness <= LARGEST_FLATNESS:
+            raise InputError(
+                f"flatness {self.flatness!r} must be from {LEAST_FLATNESS:g} to {LARGEST_FLATNESS:g} voxel."
+            )
         if isinstance(self.detail, bool) or self.detail not in range(MOST_DETAILS + 1):
             raise InputError(f"detail {self.detail!r} is not possible; choose 0 (finest) to {MOST_DETAILS}.")
 
@@ -89,8 +100,12 @@ class ExtractionSettings:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, ready for JSON."""
         entries = {**self.as_keywords(), "reconstruction": self.reconstruction.value}
-        if not self.detail:
-            del entries["detail"]  # as folders had it before there were details: their meshes are still right
+        for (
+            name,
+            default,
+        ) in LATER.items():  # left out, as before there were such: those meshes are still right
+            if entries[name] == default:
+                del entries[name]
         return entries
 
     @classmethod
@@ -104,7 +119,7 @@ class ExtractionSettings:
         """
         expected = cls().to_dict().keys()
         names = [member.value for member in Reconstruction]
-        if set(entries) - {"detail"} != expected or entries["reconstruction"] not in names:
+        if set(entries) - set(LATER) != expected or entries["reconstruction"] not in names:
             raise InputError(
                 f"extraction settings have the entries {sorted(expected)} and a reconstruction of {names}, "
                 f"got {dict(entries)}."

@@ -17,6 +17,7 @@ from isosample.rendering.planning_views import PlanningViews, orbit_views, reach
 from isosample.rendering.reference_image import render_reference
 from isosample.rendering.settings import RenderSettings, SegmentRule
 from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, expected_error, plan_for_tolerance
+from isosample.surfaces.extract import ExtractionSettings, extract_surfaces
 from isosample.transfer.isovalue_plan import IsovaluePlan, Reason
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, Isosurface, TransferFunction
@@ -179,7 +180,7 @@ def test_refinement_is_used_where_the_mesh_errs() -> None:
     plan = found(tolerance=1 / 64)
     tried = plan.report["refinements"]
     assert plan.refine > 1
-    assert [entry["refine"] for entry in tried] == [1, 2, 4, 8][: len(tried)]
+    assert [entry["refine"] for entry in tried] == [1, 2, 4, 8, 8, 8][: len(tried)]
     assert tried[0]["error"] > 1 / 64 >= tried[-1]["error"]
     assert tried[0]["above"] > 1e-3 >= tried[-1]["above"]
     assert plan.surfaces.settings.refine == plan.refine
@@ -290,6 +291,50 @@ def test_bands_that_weigh_most_are_divided_and_one_by_its_optics() -> None:
     assert middles(plan, weights, 0.5, 2) == [5.0, 1.5]
     assert middles(plan, weights, 0.5, 0) == []
     assert middles(plan, np.zeros(5), 0.5, 10) == [5.0]
+
+
+def test_meshes_are_refined_and_flattened_in_turn() -> None:
+    steps = mesh_search.steps_of_search(8, 0.004)
+    assert [step.refine for step in steps] == [1, 2, 4, 8, 8, 8]
+    np.testing.assert_allclose([step.flatness for step in steps[1:]], [0.008, 0.004, 0.002, 0.001, 0.0005])
+    assert [step.refine for step in mesh_search.steps_of_search(2, 0.004)] == [1, 2, 2, 2]
+    assert [step.refine for step in mesh_search.steps_of_search(1, 0.004)] == [1]
+
+
+@pytest.mark.parametrize("residuals", [False, True])
+def test_meshes_that_are_known_are_those_of_a_fresh_extraction(residuals: bool) -> None:
+    settings = ExtractionSettings(residuals=residuals, brick_cells=8)
+    known = mesh_search.KnownMeshes(nucleon(), settings)
+    for refine, values in [(1, [0.2, 0.4, 0.6]), (2, [0.2, 0.4]), (1, [0.2, 0.3, 0.6]), (2, [0.2, 0.3, 0.4])]:
+        found = known.surfaces(np.array(values), mesh_search.Step(refine, 2e-3))
+        fresh = extract_surfaces(
+            nucleon(), values, refine=refine, flatness=2e-3, residuals=residuals, brick_cells=8
+        )
+        assert found.statistics.triangles == fresh.statistics.triangles
+        assert found.statistics.vertices == fresh.statistics.vertices
+        assert found.settings == fresh.settings
+        assert found.mesh_errors == fresh.mesh_errors
+        for mine, theirs in zip(found.meshes, fresh.meshes, strict=True):
+            assert (mine.isovalue, mine.brick) == (theirs.isovalue, theirs.brick)
+            np.testing.assert_array_equal(mine.positions, theirs.positions)
+            np.testing.assert_array_equal(mine.triangles, theirs.triangles)
+    # the second list forgot 0.6, the third one 0.4; refinements are kept apart
+    assert found.statistics.levels_reused == 1
+
+
+@pytest.mark.parametrize(
+    ("triangles", "growth"),
+    [
+        ([100], 4.0),
+        ([100, 300], 3.0),
+        ([100, 300, 600], 1.5),
+        ([100, 300, 900], 3.0),
+        ([0, 0], 0.0),
+        ([100, 150, 450], 3.0),
+    ],
+)
+def test_how_many_triangles_a_further_refinement_has(triangles: list[int], growth: float) -> None:
+    assert mesh_search._next_growth(triangles) == pytest.approx(growth)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -23,12 +25,16 @@ from mesh_checks import (
 
 from isosample.errors import CapacityError, InputError
 from isosample.surfaces import refine as refine_module
+from isosample.surfaces.cache import extract_with_cache, load_surface_set
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import weld
 from isosample.surfaces.positions import POSITION_STEPS
 from isosample.surfaces.refine import keys_between
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 F64 = npt.NDArray[np.float64]
 ROUNDING = 0.5 / POSITION_STEPS
@@ -155,21 +161,47 @@ def test_the_distance_from_a_sphere_falls_with_the_square_of_the_pieces() -> Non
     assert (orders < 2.2).all()
 
 
-def test_no_edge_is_divided_where_the_mesh_is_near_enough() -> None:
-    """The largest distance of an edge's middle after 3 rounds is within the tolerance, on a field with one sheet."""
+@pytest.mark.parametrize("flatness", [1e-3, 4e-3])
+def test_no_edge_is_divided_where_the_mesh_is_near_enough(flatness: float) -> None:
+    """The largest distance of an edge's middle after 3 rounds is within the tolerance, on a field with one sheet.
+
+    An edge of a sphere that is divided is sqrt(8 * radius * flatness) long or longer; its halves are half as long, so
+    that their middles are at least a quarter of the flatness away (a half of that for the slant of the division).
+    """
     radius = 6.3
     (mesh,) = extract_surfaces(
-        ball(15, radius), [0.0], refine=8, reconstruction=Reconstruction.CUBIC, brick_cells=32
+        ball(15, radius),
+        [0.0],
+        refine=8,
+        reconstruction=Reconstruction.CUBIC,
+        brick_cells=32,
+        flatness=flatness,
     ).meshes
     sides = mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     middles = mesh.positions.astype(np.float64)[sides].mean(axis=1) - 7.0
     distance = radius - np.linalg.norm(middles, axis=1)
-    assert (
-        distance.max() < 1.2 * refine_module.REFINE_TOLERANCE
-    )  # the estimate of a distance is of first order
+    assert distance.max() < 1.2 * flatness  # the estimate of a distance is of first order
+    assert distance.max() > flatness / 8
     plane = Volume(index_grid((5, 6, 7))[0] + 0.3 * index_grid((5, 6, 7))[1])
     flat = [extract_mesh(plane, 2.2, refine=refine).vertices for refine in (1, 8)]
     assert np.array_equal(flat[0], flat[1])
+
+
+def test_meshes_of_another_flatness_are_kept_apart_in_a_cache(tmp_path: Path) -> None:
+    volume, kind = ball(15, 6.3), Reconstruction.CUBIC
+    fine = extract_with_cache(volume, [0.0], tmp_path, refine=4, reconstruction=kind)
+    rough = extract_with_cache(volume, [0.0], tmp_path, refine=4, reconstruction=kind, flatness=0.01)
+    assert rough.statistics.levels_reused == 0
+    assert rough.statistics.triangles < fine.statistics.triangles
+    again = load_surface_set(tmp_path, [0.0], refine=4, reconstruction=kind, flatness=0.01)
+    assert again.settings.flatness == 0.01
+    np.testing.assert_array_equal(again.meshes[0].positions, rough.meshes[0].positions)
+
+
+@pytest.mark.parametrize("flatness", [0.0, 1e-6, 0.6, float("nan")])
+def test_an_impossible_flatness_is_refused(flatness: float) -> None:
+    with pytest.raises(InputError, match=r"flatness .* must be from 1e-05 to 0.5 voxel"):
+        extract_surfaces(ball(15, 6.3), [0.0], refine=2, flatness=flatness)
 
 
 def smoothed_noise() -> Volume:
