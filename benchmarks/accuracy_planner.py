@@ -32,7 +32,6 @@ PIXELS = 96
 VIEWS = ((70.0, 35.0), (160.0, -15.0))  # azimuth, elevation: none of the planning views
 TOLERANCES = {"1/16": 1 / 16, "1/32": 1 / 32, "1/64": 1 / 64, "1/255": 1 / 255, "1/1000": 1 / 1000}
 REPORTED = ("1/64", "1/255", "1/1000")
-MAX_TRIANGLES = 3_000_000
 GOAL = 1 / 255  # RMSE of the comparison with evenly spaced isovalues
 UNIFORM_COUNTS = (1, 2, 3, 5, 7, 9, 13, 17, 25, 33, 49)
 
@@ -87,12 +86,8 @@ def _cases() -> Iterator[tuple[AccuracyScene, str, str]]:
 
 def _planned(case: _Case) -> Iterator[Row]:
     for name, tolerance in TOLERANCES.items():
-        planned = plan_for_tolerance(
-            case.scene.volume,
-            case.scene.transfer_function(case.shape, case.opacity),
-            tolerance,
-            max_triangles=MAX_TRIANGLES,
-        )
+        transfer_function = case.scene.transfer_function(case.shape, case.opacity)
+        planned = plan_for_tolerance(case.scene.volume, transfer_function, tolerance)
         yield from _tried(case, planned, name)
 
 
@@ -108,6 +103,7 @@ def _tried(case: _Case, planned: TolerancePlan, tolerance: str) -> Iterator[Row]
                 "view": list(view),
                 "isovalues": len(planned.plan.isovalues),
                 "refine": planned.refine,
+                "flatness": _rounded(planned.report["flatness"]),
                 "triangles": sum(planned.surfaces.statistics.triangles),
                 "missed": planned.missed,
                 "planning": _rounded(planned.reached),

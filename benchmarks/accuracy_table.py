@@ -38,7 +38,6 @@ def page(rows: list[Row]) -> str:
         mesh_ratio_summary(cells),
         mesh_share_summary(cells),
         refine_summary(cells),
-        reconstruction_summary(cells),
         scene_means(rows),
         full_table(rows),
     ]
@@ -137,57 +136,6 @@ def refine_summary(cells: Cells) -> str:
         "Geometric mean over the cells that have both (their number in brackets: the refined meshes of many isovalues "
         "were beyond the limit of triangles), against the trilinear reference.\n\n"
         + table(("scene", *(f"K = {count}" for count in counts)), lines)
-    )
-
-
-def reconstruction_summary(cells: Cells) -> str:
-    """A perfect trilinear ray caster against curved triangles of the spline, both against the field."""
-    lines: list[tuple[object, ...]] = []
-    overall: dict[str, list[float]] = defaultdict(list)
-    for key, row in cells.items():
-        if key[4] != "perfect trilinear" or key[2] != "translucent":
-            continue
-        found = {
-            other[3]: cell["rmse"]
-            for other, cell in cells.items()
-            if (*other[:3], *other[4:]) == (*key[:3], "spline curved cubic", "field")
-        }
-        if not found:
-            continue
-        last = max(found)
-        factor = row["rmse"] / found[last]
-        overall[key[0]].append(factor)
-        fewer = f"{found[5]:.2g}" if 5 in found else "–"
-        spline = cells[(*key[:4], "perfect spline", "field")]["rmse"]
-        lines.append(
-            (
-                key[0],
-                key[1],
-                row["rmse"],
-                spline,
-                fewer,
-                f"{found[last]:.2g} (K = {last})",
-                f"{factor:.2g}",
-            )
-        )
-    means = [
-        (scene, "**geometric mean**", "", "", "", "", f"**{_short(_mean(v))}**")
-        for scene, v in overall.items()
-    ]
-    heads = (
-        "scene",
-        "transfer function",
-        "perfect trilinear",
-        "perfect spline",
-        "curved, K = 5",
-        "curved, largest K",
-        "factor",
-    )
-    return (
-        "## The same samples: a perfect trilinear ray caster and curved triangles of the cubic spline\n\n"
-        "RMSE against the analytic field, translucent transfer functions; the factor is perfect trilinear over curved "
-        "triangles with the most isovalues (2 or more was expected at 41³ and 81³).\n\n"
-        + table(heads, [*lines, *means])
     )
 
 

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from benchmarks import accuracy_planner, accuracy_robustness, accuracy_table
+from benchmarks import accuracy_planner, accuracy_reconstruction, accuracy_robustness, accuracy_table
 from benchmarks.accuracy_cells import Table
 from benchmarks.accuracy_pictures import draw_all
 from benchmarks.accuracy_reports import planner_page, robustness_page
@@ -26,6 +26,7 @@ ABSENT = "-"  # of a row without that column
 
 MEASURED: dict[str, Callable[[bool], Rows]] = {
     "table": lambda quick: Table(quick=quick).run(),
+    "reconstruction": lambda quick: accuracy_reconstruction.rows(quick=quick),
     "robustness": lambda quick: accuracy_robustness.rows(),  # noqa: ARG005  # has one size
     "planner": lambda quick: accuracy_planner.rows(quick=quick),
 }
@@ -63,7 +64,12 @@ def main(arguments: list[str]) -> None:
 
 def page(kept: dict[str, Any]) -> str:
     """Page of the parts that were measured."""
-    pages = {"table": accuracy_table.page, "robustness": robustness_page, "planner": planner_page}
+    pages = {
+        "table": accuracy_table.page,
+        "reconstruction": accuracy_reconstruction.page,
+        "robustness": robustness_page,
+        "planner": planner_page,
+    }
     parts = [
         "# Accuracy\n",
         "Errors of pictures in premultiplied linear RGBA: RMSE over the visible pixels, the largest component's error "
