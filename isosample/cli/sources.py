@@ -147,6 +147,5 @@ def quality_of(args: argparse.Namespace) -> Quality:
         max_isovalues=DEFAULT_MAX_ISOVALUES if args.max_isovalues is None else args.max_isovalues,
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         refine=refine,
-        curved=getattr(args, "curved", None),
         details=getattr(args, "details", None) or 0,
     )

@@ -106,7 +106,7 @@ def prepare_surfaces(
     options["progress"] = of_detail(progress, 0)
     refined, distance = None, None
     if quality.refine is None:
-        refined, distance = _refined_enough(volume, plan, quality, options)
+        refined, distance = _refined_enough(volume, plan, options)
         options |= refined.settings.as_keywords()
     else:
         options |= {"refine": quality.refine, "residuals": residuals}
@@ -151,13 +151,11 @@ def _with_details(
     return prepared._replace(surfaces=coarser, seconds=seconds)
 
 
-def _refined_enough(
-    volume: Volume, plan: IsovaluePlan, quality: Quality, options: dict[str, Any]
-) -> tuple[SurfaceSet, float]:
+def _refined_enough(volume: Volume, plan: IsovaluePlan, options: dict[str, Any]) -> tuple[SurfaceSet, float]:
     """Surfaces within AUTO_DISTANCE of the isosurfaces, or the finest that may be had; and their distance."""
     for refine in REFINEMENTS:
         surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=True, **options)
-        distance = mesh_distance(surfaces, quality.curved)
+        distance = mesh_distance(surfaces)
         if (
             distance <= AUTO_DISTANCE
             or LARGEST_GROWTH * sum(surfaces.statistics.triangles) > DEFAULT_MAX_TRIANGLES

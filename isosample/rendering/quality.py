@@ -40,9 +40,7 @@ class Quality:
         The field between the samples.
     refine : int or None
         Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8. None: as many as the meshes need to
-        come within 0.01 voxel (rms) of the isosurfaces, or as the tolerance needs.
-    curved : bool or None
-        Which triangles `refine=None` measures, see `RenderSettings.curved`.
+        come within 0.01 voxel (rms) of the isosurfaces, curved or not, or as the tolerance needs.
     details : int
         0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
         `surfaces.detail`.
@@ -58,7 +56,6 @@ class Quality:
     max_isovalues: int = DEFAULT_MAX_ISOVALUES
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int | None = 1
-    curved: bool | None = None
     details: int = 0
 
     def __post_init__(self) -> None:
@@ -100,8 +97,10 @@ def plan_for(
     )
 
 
-def mesh_distance(surfaces: SurfaceSet | StoredSurfaces, curved: bool | None) -> float:
-    """Largest rms distance of a level from its isosurface, as it is rendered [voxel]."""
-    errors = [error for error in surfaces.mesh_errors if error is not None]
-    bent = surfaces.settings.reconstruction.smooth if curved is None else curved
-    return max((error.curved_rms if bent else error.flat_rms for error in errors), default=0.0)
+def mesh_distance(surfaces: SurfaceSet | StoredSurfaces) -> float:
+    """Largest rms distance of a level's triangles from its isosurface [voxel].
+
+    Of the flat triangles, also where crossings are moved onto the curved surface: which rays meet it is decided by
+    the triangles, and once the insides are curved, outlines are what is left of the error.
+    """
+    return max((error.flat_rms for error in surfaces.mesh_errors if error is not None), default=0.0)

@@ -98,7 +98,7 @@ def prepare_stored_surfaces(
 
     for refine in choices:
         surfaces = extracted(refine)
-        if quality.refine is None and mesh_distance(surfaces, quality.curved) <= AUTO_DISTANCE:
+        if quality.refine is None and mesh_distance(surfaces) <= AUTO_DISTANCE:
             break
     coarser = with_details(lambda detail: extracted(refine, detail) if detail else surfaces, quality.details)
     return PreparedInStore(coarser, plan, {"plan": planned - start, "extract": time.perf_counter() - planned})

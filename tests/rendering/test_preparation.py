@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import InputError
 from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality
 from isosample.surfaces import cache_levels
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
+from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import ramp_tf
 from rendering.test_details import blobs
@@ -72,6 +74,25 @@ def test_what_a_search_has_extracted_goes_into_the_folder_as_it_is(
     assert contents(tmp_path / "found") == contents(tmp_path / "expected")
     assert again.surfaces.statistics.levels_reused == len(levels)
     assert_same(again.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+
+
+def test_automatic_refinement_goes_by_the_outlines_of_curved_triangles_too() -> None:
+    """Of spheres, which curved triangles meet to fourth order; chords of length h are h² / (8 r) inside of them."""
+    z, y, x = np.meshgrid(*[np.arange(21.0) - 10.0] * 3, indexing="ij")
+    volume = Volume(-(x**2 + y**2 + z**2))
+    tf = ramp_tf(-81.0, -25.0, (0.0, 0.4))
+    found = prepare_surfaces(
+        volume, tf, Quality(per_slope=2, refine=None, reconstruction=Reconstruction.CUBIC)
+    )
+    options = {**found.surfaces.settings.as_keywords(), "refine": 1}
+    unrefined = [
+        error for error in extract_surfaces(volume, found.plan.isovalues, **options).mesh_errors if error
+    ]
+    assert max(error.curved_rms for error in unrefined) <= AUTO_DISTANCE
+    assert max(error.flat_rms for error in unrefined) > AUTO_DISTANCE
+    assert found.surfaces.settings.refine > 1
+    assert found.mesh_distance == max(error.flat_rms for error in found.surfaces.mesh_errors if error)
+    assert found.mesh_distance <= AUTO_DISTANCE
 
 
 @pytest.mark.parametrize("wrong", ["isovalues", "settings"])
