@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.accuracy_planner import GOAL, REPORTED
 from benchmarks.machine import table
+from isosample.defaults import DEFAULT_MAX_TRIANGLES
 
 if TYPE_CHECKING:
     Row = dict[str, Any]
@@ -46,6 +47,7 @@ def planner_page(rows: list[Row]) -> str:
     """Plans on other views, and against evenly spaced isovalues."""
     plans = [row for row in rows if row.get("tolerance") in REPORTED and "view" in row]
     limits = {"1/64": 1 / 64, "1/255": 1 / 255, "1/1000": 1 / 1000}
+    limits = {name: limit for name, limit in limits.items() if any(row["tolerance"] == name for row in plans)}
     lines = [
         (
             f"{row['scene']}, {row['tf'][:2]} {row['opacity']}",
@@ -60,19 +62,21 @@ def planner_page(rows: list[Row]) -> str:
             f"{row['mesh']:.2g}",
             row["isovalues"],
             row["refine"],
+            f"{row['flatness']:.2g}",
             f"{row['triangles']:,}",
         )
         for row in plans
     ]
     heads = (
         "scene", "view", "tolerance", "reached", "kept", "plan says missed", "on planning views", "expected here",
-        "indicator", "mesh estimate", "isovalues", "refine", "triangles",
+        "indicator", "mesh estimate", "isovalues", "refine", "flatness", "triangles",
     )  # fmt: skip
     return (
         "## Plans for a tolerance, on other views\n\n"
         "`plan_for_tolerance` with its four default views; measured on two others at 96², against the trilinear "
-        "reference: the error that a thousandth of all pixels exceed. Plans were allowed 3 million triangles. "
-        "`Expected here` is `expected_error`, from the error map of the view.\n\n"
+        "reference: the error that a thousandth of all pixels exceed. Plans had the default limits "
+        f"({DEFAULT_MAX_TRIANGLES / 1e6:g} million triangles). Flatness [voxel]: edges whose middle is nearer to the "
+        "isosurface are not divided. `Expected here` is `expected_error`, from the error map of the view.\n\n"
         + table(heads, lines)
         + "\n"
         + _counts(plans, limits)
