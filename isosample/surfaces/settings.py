@@ -100,10 +100,8 @@ class ExtractionSettings:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, ready for JSON."""
         entries = {**self.as_keywords(), "reconstruction": self.reconstruction.value}
-        for (
-            name,
-            default,
-        ) in LATER.items():  # left out, as before there were such: those meshes are still right
+        # Left out, as before there were such: those meshes are still right.
+        for name, default in LATER.items():
             if entries[name] == default:
                 del entries[name]
         return entries
