@@ -5,6 +5,9 @@
 #ifndef SHADING
 #error "SHADING: 1 stores the unit normal, 0 leaves it out"
 #endif
+#ifndef SUBPIXEL_BITS
+#error "SUBPIXEL_BITS: to how many bits of a pixel the rasteriser rounds the vertices"
+#endif
 #ifndef CURVED
 #error "CURVED: 1 moves the crossing onto the curved surface, 0 leaves it on the triangle"
 #endif
@@ -17,11 +20,9 @@
 #include "lib/octahedral.glsl"
 #include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
+#include "pass/edge_on.glsl"
 
 uniform uint level;
-
-// Rasterisers move vertices to a grid of so many pixels before they decide what is covered.
-const float SNAP = 1.0 / 256.0;
 
 in float depth_view;
 in vec3 gradient_local;
@@ -33,14 +34,13 @@ in float moment;
 #endif
 #if RESIDUAL
 in float residual_value;
+flat in float corner_residual;
 #endif
 
 void main() {
     vec3 ray = pixel_ray();
     float scale = length(ray);
-    // A triangle seen so nearly from its edge that a grid step is worth a cell of distance: the pixel's centre may be
-    // outside of it, and what is interpolated is then extrapolated, to anywhere. One of its corners is nearer the truth.
-    bool edge_on = fwidth(depth_view) * scale * SNAP > frame.reach;
+    bool edge_on = is_edge_on(depth_view, scale);   // then one of the corners is nearer the truth
     vec3 gradient = edge_on ? corner_gradient : gradient_local;
     float along = dot(gradient, ray) / scale;
     float distance = (edge_on ? corner_depth : depth_view) * scale;
@@ -50,7 +50,7 @@ void main() {
 #endif
     uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(min(abs(along), LARGEST_HALF), 0.0)) << 16);
 #if RESIDUAL
-    uint normal = floatBitsToUint(residual_value);
+    uint normal = floatBitsToUint(edge_on ? corner_residual : residual_value);
 #elif SHADING
     uint normal = pack_normal(gradient / max(length(gradient), 1e-30));
 #else

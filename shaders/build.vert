@@ -29,6 +29,7 @@ out float moment;                         // gradient . position, see lib/curved
 #if RESIDUAL
 in float residual;                        // how far the field is from the isovalue near this vertex [normalised]
 out float residual_value;
+flat out float corner_residual;
 #endif
 
 void main() {
@@ -43,6 +44,7 @@ void main() {
 #endif
 #if RESIDUAL
     residual_value = residual;
+    corner_residual = residual;
 #endif
     float w = frame.perspective != 0.0 ? depth_view : 1.0;
     vec2 plane = vec2(dot(from_eye, frame.span_right) * frame.inverse_span_right,

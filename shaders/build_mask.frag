@@ -1,11 +1,17 @@
 #version 450 core
 // Build pass, border of the valid cells: one list node where the pixel's ray enters or leaves them, with the value there.
 
+#ifndef SUBPIXEL_BITS
+#error "SUBPIXEL_BITS: to how many bits of a pixel the rasteriser rounds the vertices"
+#endif
+
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"
 #include "pass/build_lists.glsl"
+#include "pass/edge_on.glsl"
 
 in float depth_view;
+flat in float corner_depth;
 in vec2 part;
 flat in vec4 corner_values;
 flat in int cell_face;
@@ -19,5 +25,7 @@ void main() {
     float value = bilinear(corner_values, clamp(part.x, 0.0, 1.0), clamp(part.y, 0.0, 1.0));
     uint tolerance = packHalf2x16(vec2(face_tolerance(corner_values), 0.0)) << 16;
     uint surface = DOMAIN_LEVEL | (entering ? RISING_BIT : 0u) | tolerance;
-    append_node(depth_view * length(ray), surface, floatBitsToUint(value));
+    float scale = length(ray);
+    float depth = is_edge_on(depth_view, scale) ? corner_depth : depth_view;
+    append_node(depth * scale, surface, floatBitsToUint(value));
 }

@@ -13,6 +13,7 @@ in int face;                              // 2 * axis, + 1 if the valid cell is 
 in vec4 values;                           // normalised, at the corners, the lower of the face's two axes fastest
 
 out float depth_view;                     // signed distance along the view direction [world]
+flat out float corner_depth;             // of one corner of the triangle
 out vec2 part;                            // position on the face, in [0, 1]
 flat out vec4 corner_values;
 flat out int cell_face;
@@ -31,6 +32,7 @@ void main() {
     cell_face = face;
     vec3 from_eye = position - frame.eye;
     depth_view = dot(from_eye, frame.forward);
+    corner_depth = depth_view;
     float w = frame.perspective != 0.0 ? depth_view : 1.0;
     vec2 plane = vec2(dot(from_eye, frame.span_right) * frame.inverse_span_right,
                       dot(from_eye, frame.span_up) * frame.inverse_span_up);

@@ -2,8 +2,8 @@
 // Points that cover the blocks of pixels in which a program of the resolve pass has something to do: software renderers run a
 // shader to its end for pixels that it discards at once. One vertex per block of the tile, row by row.
 
-#ifndef BROKEN
-#error "BROKEN: 1 for the program that resolves any list, 0 for those that resolve chains"
+#ifndef TAKES
+#error "TAKES: 0 lists that no program has judged yet, 1 those that are no chains, 2 all that are left"
 #endif
 
 #include "lib/layouts.glsl"
@@ -21,7 +21,8 @@ void main() {
     for (int y = low.y; y < high.y; ++y) {
         for (int x = low.x; x < high.x; ++x) {
             uint head = heads[y * frame.tile_size.x + x];
-            found = found || (BROKEN == 1 ? head != LIST_DONE : head == LIST_END || head < BROKEN_LIST);
+            bool open = head == LIST_END || head < BROKEN_LIST;
+            found = found || (head != LIST_DONE && (TAKES == 2 || open == (TAKES == 0)));
         }
     }
     vec2 blocks = vec2((frame.image_size + RESOLVE_BLOCK - 1) / RESOLVE_BLOCK);  // the viewport

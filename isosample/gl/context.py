@@ -31,6 +31,7 @@ class Limits:
     storage_block_bytes: int  # largest range of a storage buffer that a shader sees
     uniform_block_bytes: int
     framebuffer_size: tuple[int, int]  # without attachments [pixel]
+    subpixel_bits: int  # of the grid to which vertices are moved before they are rasterised
     texture_size: int  # edge of a 2D texture [pixel]
     texture_3d_size: int  # edge of a 3D texture [voxel]
     fragment_storage_blocks: int
@@ -89,6 +90,7 @@ def limits(ctx: moderngl.Context) -> Limits:
         storage_block_bytes=info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"],
         uniform_block_bytes=info["GL_MAX_UNIFORM_BLOCK_SIZE"],
         framebuffer_size=(info["GL_MAX_FRAMEBUFFER_WIDTH"], info["GL_MAX_FRAMEBUFFER_HEIGHT"]),
+        subpixel_bits=info["GL_SUBPIXEL_BITS"],
         texture_size=info["GL_MAX_TEXTURE_SIZE"],
         texture_3d_size=info["GL_MAX_3D_TEXTURE_SIZE"],
         fragment_storage_blocks=info["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"],

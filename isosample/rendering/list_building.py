@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.gl.context import limits
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
 if TYPE_CHECKING:
@@ -109,6 +110,7 @@ class ListBuilder:
                 "SHADING": frame.shading,
                 "CURVED": int(frame.curved),
                 "RESIDUAL": int(frame.residuals),
+                "SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits,
             }
             rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, **constants)
             self._shared.ctx.memory_barrier()
@@ -123,7 +125,10 @@ class ListBuilder:
             "build.vert", fragment, **({"CURVED": 0, "RESIDUAL": 0} | constants)
         )
         masked = self._shared.scene.has_mask
-        mask_program = self._shared.programs.graphics("build_mask.vert", mask_fragment) if masked else None
+        mask_program = None
+        if masked:
+            kept = {name: constants[name] for name in constants.keys() & {"SUBPIXEL_BITS"}}
+            mask_program = self._shared.programs.graphics("build_mask.vert", mask_fragment, **kept)
         passes = self._frames.tile_passes(frame, tile)
         budget = frame.settings.mesh_budget_bytes
         with self._query:

@@ -31,9 +31,9 @@ SEGMENT_RULES = {
 RUN = 16
 CHAIN_CLASSES = (0, 6, 16)
 BALANCED_RUNS = 6  # of lists that are no chains, but whose crossings add up; see shaders/pass/balanced.glsl
-LARGEST_ARRAY = (
-    16  # nodes of a list that is no chain: longer ones are sorted on their links, which takes no longer
-)
+# Nodes of other lists that are sorted in an array: longer ones are sorted on their links, which takes no longer.
+LARGEST_ARRAY = 16
+TAKEN = {"resolve_chain": 0, "resolve_balanced": 1, "resolve": 2}  # see shaders/open_blocks.vert
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -59,24 +59,24 @@ class ResolvePass:
 
     def _resolve_chains(self, tile: Tile, frame: PictureFrame) -> bool:
         """Resolve the lists that are chains, by classes of length; return whether any list is left."""
-        counters = self._shared.pool.counters()
+        counters, longer = self._shared.pool.counters(), True
         for number, runs in enumerate(CHAIN_CLASSES):
             if RUN * runs > frame.settings.sort_capacity:
-                return True
-            longer = int(counters["longer_lists"])
+                break
+            before = int(counters["longer_lists"])
             self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
             counters = self._shared.pool.counters()
-            if int(counters["longer_lists"]) == longer:
-                return int(counters["broken_chains"]) > 0 and self._resolve_balanced(tile, frame)
-        return True
+            longer = int(counters["longer_lists"]) > before
+            if not longer:
+                break
+        return self._resolve_balanced(tile, frame, int(counters["broken_chains"])) > 0 or longer
 
-    def _resolve_balanced(self, tile: Tile, frame: PictureFrame) -> bool:
-        """Resolve the lists that are no chains but add up; return whether any list is left."""
-        if frame.settings.sort_capacity < RUN * BALANCED_RUNS:
-            return True
+    def _resolve_balanced(self, tile: Tile, frame: PictureFrame, broken: int) -> int:
+        """Resolve those of the lists that are no chains which add up; return how many such lists are left."""
+        if broken == 0 or frame.settings.sort_capacity < RUN * BALANCED_RUNS:
+            return broken
         self._run_resolve("resolve_balanced", tile, frame, first=False, RUNS=BALANCED_RUNS)
-        counters = self._shared.pool.counters()
-        return int(counters["balanced_lists"]) < int(counters["broken_chains"])
+        return broken - int(self._shared.pool.counters()["balanced_lists"])
 
     def _resolve_rest(self, tile: Tile, frame: PictureFrame, *, first: bool) -> None:
         """Resolve all lists that are left; very long ones take a second round."""
@@ -101,8 +101,8 @@ class ResolvePass:
         }
         if resolve_stage(self._shared.ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
             screen = "screen.vert" if first else "open_blocks.vert"
-            broken = {} if first else {"BROKEN": int(entry != "resolve_chain")}
-            program = self._shared.programs.graphics(screen, f"{entry}.frag", **broken, **constants)
+            takes = {} if first else {"TAKES": TAKEN[entry]}
+            program = self._shared.programs.graphics(screen, f"{entry}.frag", **takes, **constants)
             if first:
                 self._target.fill(tile, program)
             else:

@@ -10,23 +10,27 @@ import numpy as np
 import pytest
 
 from isosample.gl.shader_source import shader_root
+from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.resolve_pass import BALANCED_RUNS, CHAIN_CLASSES, RUN
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import ClipPlane, Material, RenderSettings, ResolveStage
+from isosample.surfaces.detail_sets import extract_details
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     import moderngl
 
 ANY_LIST = 1  # sort_capacity: no class of chains is that short
-TOLD = "fragments max_depth_complexity band_violations reordered_fragments unrepaired_pixels terminated_rays"
+TOLD = "fragments max_depth_complexity band_violations reordered_fragments unrepaired_pixels terminated_rays "
+TOLD += "saturated_segments"
 
 
 def smooth_volume() -> Volume:
@@ -48,15 +52,18 @@ VOLUMES = {"smooth": smooth_volume, "rough": rough_volume, "empty": empty_volume
 
 
 def scene_of(volume: Volume, per_slope: int) -> Scene:
+    plan = plan_isovalues(tents(volume), volume.value_range, per_slope=per_slope)
+    return Scene.build(extract_surfaces(volume, plan.isovalues), plan)
+
+
+def tents(volume: Volume) -> TransferFunction:
     low, high = volume.value_range
     at = [low + (high - low) * part for part in (0.1, 0.3, 0.5, 0.7, 0.9)]
     colors = [(0.1, 0.3, 1.0), (1.0, 0.7, 0.1), (0.2, 0.9, 0.4), (0.9, 0.1, 0.1), (0.5, 0.5, 0.5)]
-    tf = TransferFunction(
+    return TransferFunction(
         [ControlPoint(v, c, e) for v, c, e in zip(at, colors, (0.0, 0.2, 0.02, 0.4, 0.0), strict=True)],
         [Isosurface(at[2], (0.0, 1.0, 0.0), 0.3)],
     )
-    plan = plan_isovalues(tf, volume.value_range, per_slope=per_slope)
-    return Scene.build(extract_surfaces(volume, plan.isovalues), plan)
 
 
 def camera_of(volume: Volume, kind: str) -> Camera:
@@ -81,6 +88,8 @@ def test_chains_give_the_picture_of_the_program_for_any_list(
         RenderSettings(stage=stage, material=Material(), min_transmittance=0.3),
         RenderSettings(stage=stage, clip_planes=(ClipPlane(0.3, -0.2, 1.0, float(-centre.sum())),)),
         RenderSettings(stage=stage, fragment_budget_bytes=1 << 16, background=(0.2, 0.3, 0.4, 0.5)),
+        RenderSettings(stage=stage, segment=SegmentRule.CONSTANT_FIRST_ORDER),
+        RenderSettings(stage=stage, segment=SegmentRule.LINEAR, material=Material()),
     )
     with ABuffer(gl, scene_of(volume, 9)) as abuffer:
         for look in looks:
@@ -94,6 +103,33 @@ def test_chains_give_the_picture_of_the_program_for_any_list(
                 assert (
                     0 < int(counters["balanced_lists"]) < int(counters["broken_chains"])
                 )  # both programs ran
+
+
+@pytest.mark.parametrize("reconstruction", [Reconstruction.TRILINEAR, Reconstruction.CUBIC])
+def test_coarser_meshes_that_cut_each_other_give_the_picture_of_the_program_for_any_list(
+    gl: moderngl.Context, reconstruction: Reconstruction
+) -> None:
+    volume = smooth_volume()
+    plan = plan_isovalues(tents(volume), volume.value_range, per_slope=20)
+    surfaces = extract_details(volume, plan.isovalues, reconstruction=reconstruction)
+    camera, size = camera_of(volume, "perspective"), (90, 80)
+    look = RenderSettings(screen_error=4.0)
+    with ABuffer(gl, Scene.build(surfaces, plan)) as abuffer:
+        rgba, told = abuffer.render(camera, size, look)
+        assert int(abuffer._shared.pool.counters()["balanced_lists"]) > 50
+        expected, expected_told = abuffer.render(camera, size, replace(look, sort_capacity=ANY_LIST))
+    assert np.array_equal(rgba.view(np.uint32), expected.view(np.uint32))
+    for part in TOLD.split():
+        assert getattr(told, part) == getattr(expected_told, part), part
+
+
+def test_one_long_list_leaves_the_others_to_the_program_for_lists_that_add_up(gl: moderngl.Context) -> None:
+    volume = rough_volume()
+    with ABuffer(gl, scene_of(volume, 15)) as abuffer:
+        _, told = abuffer.render(camera_of(volume, "orthographic"), (64, 64), RenderSettings())
+        counters = abuffer._shared.pool.counters()
+    assert told.max_depth_complexity > RUN * CHAIN_CLASSES[-1]
+    assert int(counters["balanced_lists"]) > 0
 
 
 def test_almost_all_lists_of_a_smooth_field_are_chains(gl: moderngl.Context) -> None:
