@@ -77,12 +77,14 @@ def plan_for(
     value_range: tuple[float, float],
     per_slope: int | None,
     gradients: Gradients | None,
+    *,
+    lit: bool,
 ) -> IsovaluePlan:
-    """Return the isovalues with K = `per_slope`, or the default for None."""
+    """Return the isovalues with K = `per_slope`, or the default for None; `lit`: for pictures with light."""
     from isosample.transfer.isovalues import plan_isovalues
 
     chosen = DEFAULT_PER_SLOPE if per_slope is None else per_slope
-    return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients)
+    return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients, lit=lit)
 
 
 def transfer_function_of(
@@ -148,4 +150,5 @@ def quality_of(args: argparse.Namespace) -> Quality:
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         refine=refine,
         details=getattr(args, "details", None) or 0,
+        lit=args.shading,
     )

@@ -44,6 +44,9 @@ class Quality:
     details : int
         0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
         `surfaces.detail`.
+    lit : bool
+        Whether pictures will be lit (`RenderSettings.material`), see `plan_isovalues`. A tolerance is searched for
+        without light all the same, as its reference has none.
 
     Raises
     ------
@@ -57,6 +60,7 @@ class Quality:
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int | None = 1
     details: int = 0
+    lit: bool = False
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.per_slope is not None:
@@ -93,7 +97,11 @@ def plan_for(
         spline = GridSpline.build(volume, quality.reconstruction)
     value_range = volume.value_range if spline is None else spline.value_range
     return plan_isovalues(
-        transfer_function, value_range, per_slope=per_slope, gradients=partial(gradient_at_values, volume)
+        transfer_function,
+        value_range,
+        per_slope=per_slope,
+        gradients=partial(gradient_at_values, volume),
+        lit=quality.lit,
     )
 
 

@@ -133,3 +133,34 @@ def test_a_sphere_darkens_towards_its_silhouette_under_any_spacing(gl: moderngl.
     # Central differences err by h² f''' / 6 with f''' <= 2 / r², so 0.021; between the vertices normals
     # differ from the surface's by up to (h / 2r)² / 2 = 0.008 more.
     assert np.abs(rgba[..., 0] - cosine)[inside].max() < 0.021 + 0.008
+
+
+@pytest.mark.parametrize("top", [10.0, 30.0], ids=["inside the box", "beyond the box"])
+def test_light_inside_a_plateau_converges_with_the_isovalues_at_first_order(
+    gl: moderngl.Context, top: float
+) -> None:
+    # The field is the distance r to the centre; extinction t and colour are constant for 2 <= r <= top, the light is
+    # the cosine |s| / r at the way s from the point of a ray nearest to the centre, b from it. Thin (t = 1e-4), the
+    # ray shows t times the integral of |s| / r up to r = R, its end on the plateau or the box: 2 t (R - b).
+    # Between two crossings the light runs linearly. Segments that cross a whole band of width d err at second order
+    # in d. The one that holds s = 0 runs between two crossings of one level e, where the cosine is the same, and shows
+    # 2 t (e^2 - b^2) / e: too much by 2 t (e - b) b / e, from 0 to 2 t d. So the error is of first order.
+    extinction, material = 1e-4, Material(ambient=0.0, diffuse=1.0, specular=0.0, shininess=1.0)
+    volume = sphere_volume(0.0, (0.5, 0.5, 0.5))
+    tf = TransferFunction([ControlPoint(value, (1.0, 1.0, 1.0), extinction) for value in (2.0, top)])
+    camera = Camera.orbit(volume.box)  # along z: every ray is 24 long
+    origins, _ = camera.rays(1.0).origins_and_directions(48, 48)
+    nearest = np.hypot(origins[..., 0], origins[..., 1])
+    end = np.minimum(top, np.sqrt(144.0 + nearest**2))
+    judged = (nearest > 3.0) & (nearest < 9.0)
+    errors, widths = [], []
+    for per_slope in (1, 3, 7):
+        plan = plan_isovalues(tf, volume.value_range, per_slope=per_slope, lit=True)
+        with ABuffer(gl, Scene.build(extract_surfaces(volume, plan.isovalues), plan)) as abuffer:
+            rgba, _ = abuffer.render(camera, (48, 48), RenderSettings(material=material))
+        widths.append(float(np.diff(plan.isovalues).max()))
+        difference = (rgba[..., 0] / extinction - 2.0 * (end - nearest))[judged]
+        errors.append(float(np.sqrt(np.mean(difference**2))))
+        assert np.abs(difference).max() <= 2.0 * widths[-1]
+    # 1 in the limit; less before, as (e - b) b / e is no longer linear in e - b where d is not small against b.
+    assert np.log(errors[1] / errors[2]) / np.log(widths[1] / widths[2]) >= 0.8
