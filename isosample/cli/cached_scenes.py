@@ -72,10 +72,11 @@ def scene_from_cache(
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
         value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
+        shares = None if own is None else own.plan.shares
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
-        plan = plan_for(tf, value_range, per_slope, gradients, lit=lit)
+        plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
         if lit and not lists_surfaces(folder, plan.isovalues, settings):
-            plan = plan_for(tf, value_range, per_slope, gradients, lit=False)
+            plan = plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
         surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
     if lit and plan.lacks_light:
         note(

@@ -138,6 +138,7 @@ def _plan(
 ) -> tuple[TransferFunction | None, IsovaluePlan | None]:
     """Return the transfer function and its plan, suggested only where a plan is asked for."""
     from isosample.cli.sources import plan_for, transfer_function_of
+    from isosample.rendering.quality import shares_for_light
     from isosample.volume.statistics import gradient_at_values
 
     if args.shading and not args.plan and args.histogram is None:
@@ -148,7 +149,8 @@ def _plan(
         return None, None
     tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
     gradients = partial(gradient_at_values, volume)
-    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading)
+    shares = shares_for_light(volume, tf) if args.shading else None
+    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading, shares=shares)
 
 
 def _say(volume: Volume, description: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from isosample.rendering.quality import Quality
     from isosample.transfer.isovalues import IsovaluePlan
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
@@ -79,12 +80,15 @@ def plan_for(
     gradients: Gradients | None,
     *,
     lit: bool,
+    shares: SampleShares | None,
 ) -> IsovaluePlan:
     """Return the isovalues with K = `per_slope`, or the default for None; `lit`: for pictures with light."""
     from isosample.transfer.isovalues import plan_isovalues
 
     chosen = DEFAULT_PER_SLOPE if per_slope is None else per_slope
-    return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients, lit=lit)
+    return plan_isovalues(
+        transfer_function, value_range, per_slope=chosen, gradients=gradients, lit=lit, shares=shares
+    )
 
 
 def transfer_function_of(

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from isosample.integral.crossing_lists import CrossingLists
     from isosample.rendering.planning_views import PlanningViews
     from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
 
@@ -51,12 +52,12 @@ class IsovalueSearch:
     error: float
     rounds: list[dict[str, Any]]
 
-    def marked(self, *, lit: bool) -> IsovalueSearch:
+    def marked(self, *, lit: bool, shares: SampleShares | None) -> IsovalueSearch:
         """The same, with a plan that says whether it is for light."""
         if not lit:
             return self
         skipped = self.plan.skipped | {CONSTANT_SLOPES: 0}
-        return replace(self, plan=replace(self.plan, lit=True, skipped=skipped))
+        return replace(self, plan=replace(self.plan, lit=True, shares=shares, skipped=skipped))
 
 
 def search_isovalues(
@@ -70,6 +71,7 @@ def search_isovalues(
     gradients: Gradients | None,
     least_slope: float,
     lit: bool = False,
+    shares: SampleShares | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> IsovalueSearch:
     """Divide bands until cubic segments between exact crossings show the truth.
@@ -93,6 +95,8 @@ def search_isovalues(
     lit : bool
         Whether pictures will be lit: slopes of constant extinction and colour are then given the default number of
         values per slope, as the search, whose pictures have no light, sees no need for any.
+    shares : SampleShares, optional
+        As for `plan_isovalues`, for these values.
     progress : callable, optional
         Called with the number of isovalues and `max_isovalues`.
 
@@ -106,7 +110,7 @@ def search_isovalues(
     """
     from isosample.integral.data_centric import integrate_lists
 
-    extra = plateau_values(transfer_function, value_range, DEFAULT_PER_SLOPE) if lit else []
+    extra = plateau_values(transfer_function, value_range, DEFAULT_PER_SLOPE, shares) if lit else []
     rounds: list[dict[str, Any]] = []
     best: IsovalueSearch | None = None
     before = -1
@@ -116,7 +120,7 @@ def search_isovalues(
         )
         count = len(plan.isovalues)
         if best is not None and (count > max_isovalues or count == before):
-            return best.marked(lit=lit)
+            return best.marked(lit=lit, shares=shares)
         before = count
         lists = crossings(plan.isovalues)
         integrals = integrate_lists(lists, plan, reach=0.0, least_slope=least_slope)
@@ -128,7 +132,7 @@ def search_isovalues(
         if progress is not None:
             progress(min(count, max_isovalues), max_isovalues)
         if error <= target:
-            return best.marked(lit=lit)
+            return best.marked(lit=lit, shares=shares)
         share = min(max(0.5 * (math.sqrt(error / target) - 1.0), LEAST_SHARE), LARGEST_SHARE)
         weights = _band_weights(lists, plan, errors > JUDGED * target, least_slope)
         extra += _middles(plan, weights, share, max_isovalues - count)

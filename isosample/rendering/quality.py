@@ -11,6 +11,7 @@ from isosample.errors import InputError
 from isosample.surfaces.detail_sets import check_details
 from isosample.surfaces.settings import REFINEMENTS
 from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.sample_shares import SampleShares
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
 
@@ -102,7 +103,14 @@ def plan_for(
         per_slope=per_slope,
         gradients=partial(gradient_at_values, volume),
         lit=quality.lit,
+        shares=shares_for_light(volume, transfer_function) if quality.lit else None,
     )
+
+
+def shares_for_light(volume: Volume, transfer_function: TransferFunction) -> SampleShares | None:
+    """How the samples spread, by a look at all of them; None without slopes of constant extinction and colour."""
+    slopes = transfer_function.slopes()
+    return SampleShares.of(volume) if any(one.visible and one.constant for one in slopes) else None
 
 
 def mesh_distance(surfaces: SurfaceSet | StoredSurfaces) -> float:

@@ -19,6 +19,7 @@ from isosample.rendering.mesh_search import KnownMeshes, search_mesh, steps_of_s
 from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
+from isosample.rendering.quality import shares_for_light
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
@@ -307,6 +308,7 @@ def _search_isovalues(
         gradients=_remembered(partial(gradient_at_values, volume)),
         least_slope=least_sheet_slope((low, high), volume.box),
         lit=lit,
+        shares=shares_for_light(volume, transfer_function) if lit else None,
         progress=_stage(progress, "isovalues"),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.transfer.sample_shares import SampleShares
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -79,6 +80,8 @@ class IsovaluePlan:
         What was left out and how much.
     lit : bool
         True where slopes of constant extinction and colour were given isovalues too, for pictures with light.
+    shares : SampleShares or None
+        By which the values inside slopes of constant extinction and colour were spaced.
     report : dict
         How the plan was found, JSON-ready; empty for a plan that was not searched for.
 
@@ -101,6 +104,7 @@ class IsovaluePlan:
     sheet_width: F64
     skipped: dict[str, int]
     lit: bool = False
+    shares: SampleShares | None = None
     report: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -163,6 +167,7 @@ class IsovaluePlan:
             "sheet_width": self.sheet_width.tolist(),
             "skipped": dict(self.skipped),
             "lit": self.lit,
+            **({"shares": self.shares.to_dict()} if self.shares is not None else {}),
             "report": copy.deepcopy(self.report),
         }
 
@@ -192,6 +197,7 @@ class IsovaluePlan:
                 sheet_width=np.asarray(document["sheet_width"], dtype=np.float64),
                 skipped={str(key): int(count) for key, count in document["skipped"].items()},
                 lit=bool(document.get("lit", False)),  # plans of older caches do not say
+                shares=SampleShares.from_dict(document["shares"]) if "shares" in document else None,
                 report=copy.deepcopy(dict(document.get("report", {}))),
             )
         except (KeyError, TypeError, AttributeError) as error:

@@ -18,7 +18,9 @@ from isosample.transfer.transfer_function import SEPARATION_ULP
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients, Sheet
+    from isosample.transfer.slope_values import SlopeValues
     from isosample.transfer.transfer_function import TransferFunction
 
 __all__ = ["IsovaluePlan", "PlanRow", "Reason", "plan_isovalues"]
@@ -40,6 +42,7 @@ def plan_isovalues(
     extra: Sequence[float] = (),
     gradients: Gradients | None = None,
     lit: bool = False,
+    shares: SampleShares | None = None,
 ) -> IsovaluePlan:
     """Isovalues that a picture needs, and the transfer function between them.
 
@@ -60,6 +63,9 @@ def plan_isovalues(
     lit : bool
         Whether pictures will be lit (`RenderSettings.material`): then visible slopes that are constant in
         extinction and colour get values too.
+    shares : SampleShares, optional
+        Of the volume: for light the values inside these slopes are spaced half by value and half by samples, instead of
+        evenly. The plan keeps it.
 
     Returns
     -------
@@ -89,7 +95,8 @@ def plan_isovalues(
         raise InputError(f"per_slope {per_slope!r} must be a whole number from 0 to {MAX_PER_SLOPE}.")
     sheets, transfer_function = split_sheets(transfer_function, (low, high), gradients)
     points, skipped_points = _point_candidates(transfer_function, low, high)
-    between, constant_count = _between_candidates(transfer_function, low, high, per_slope, lit=lit)
+    slopes = slope_values(transfer_function, (low, high), per_slope, shares)
+    between, constant_count = _between_candidates(slopes, lit=lit)
     surfaces = transfer_function.isosurfaces
     impulses = [_candidate(s.value, Reason.IMPULSE) for s in surfaces if low < s.value <= high]
     further = _extra_candidates(transfer_function, low, high, extra)
@@ -106,7 +113,9 @@ def plan_isovalues(
         SHEET_COUNT: len(sheets),
         "values_merged": len(chosen) - sum(cluster.level is not None for cluster in clusters),
     }
-    return replace(_assemble(transfer_function, (low, high), clusters, sheets, skipped), lit=lit)
+    return replace(
+        _assemble(transfer_function, (low, high), clusters, sheets, skipped), lit=lit, shares=shares
+    )
 
 
 def _is_whole(number: object) -> bool:
@@ -202,11 +211,8 @@ def _visible_steps(transfer_function: TransferFunction, values: list[float]) -> 
     return steps
 
 
-def _between_candidates(
-    transfer_function: TransferFunction, low: float, high: float, per_slope: int, *, lit: bool
-) -> tuple[list[_Candidate], int]:
-    """Evenly spaced values inside the visible slopes, and the number of constant slopes that get none."""
-    slopes = slope_values(transfer_function, (low, high), per_slope)
+def _between_candidates(slopes: list[SlopeValues], *, lit: bool) -> tuple[list[_Candidate], int]:
+    """Return the values inside the visible slopes, and the number of constant slopes that get none."""
     found: list[_Candidate] = []
     for slope in slopes:
         if lit or not slope.constant:

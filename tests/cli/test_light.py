@@ -11,6 +11,7 @@ import pytest
 
 import isosample
 from cli.harness import blob, write_json
+from isosample.transfer.sample_shares import SampleShares
 
 if TYPE_CHECKING:
     from cli.harness import Run
@@ -40,7 +41,7 @@ def test_the_library_plans_for_light_where_a_material_is_given() -> None:
     camera: dict[str, Any] = {"camera": isosample.Camera.orbit(volume.box), "size": (24, 16)}
     settings = isosample.RenderSettings(material=isosample.Material())
     lit = isosample.render(volume, tf, settings=settings, **camera)
-    plan = isosample.plan_isovalues(tf, volume.value_range, lit=True)
+    plan = isosample.plan_isovalues(tf, volume.value_range, lit=True, shares=SampleShares.of(volume))
     assert lit.stats["isovalues"] == plan.isovalues.tolist()
     assert len(isosample.render(volume, tf, **camera).stats["isovalues"]) == len(plan.isovalues) - 5
     assert isosample.choose_method(volume, tf, settings=settings).load.isovalues == len(plan.isovalues)

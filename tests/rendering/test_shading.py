@@ -146,10 +146,10 @@ def test_light_inside_a_plateau_converges_with_the_isovalues(gl: moderngl.Contex
     # ray shows t times the integral of |s| / r up to r = R, its end on the plateau or the box: 2 t (R - b), and half of
     # the way there is in front of it in the mean.
     # Between two crossings the gradient runs linearly. In the segment that holds s = 0, between two crossings of one
-    # level e, it is the place over e, so the light is right; that of the two ends would show 2 t (e - b) b / e too much,
-    # from 0 to 2 t d with levels d apart: first order. In a segment of length h from one level to the next the places
-    # are weighed by 1 / r at either end, so a normal is that of a place up to h d / 4r away: with light that changes
-    # by b^2 / r^3, h^2 d b^2 / 6 r^4 in all. h is d r / s, and (2 b d)^(1/2) at most, so the sum is of second order.
+    # level e, it is the place over e, so the light is right; that of the two ends would show 2 t (e - b) b / e too
+    # much, from 0 to 2 t d with levels d apart: first order. In a segment of length h from one level to the next the
+    # places are weighed by 1 / r at either end, so a normal is that of a place up to h d / 4r away: with light that
+    # changes by b^2 / r^3, h^2 d b^2 / 6 r^4 in all. h is d r / s, and (2 b d)^(1/2) at most: second order in all.
     extinction, material = 1e-4, Material(ambient=0.0, diffuse=1.0, specular=0.0, shininess=1.0)
     volume = sphere_volume(0.0, (0.25, 0.25, 0.25))
     tf = TransferFunction([ControlPoint(value, (1.0, 1.0, 1.0), extinction) for value in (2.0, top)])

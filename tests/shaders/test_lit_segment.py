@@ -50,15 +50,16 @@ def assert_moments(gl: moderngl.Context, root: Path | None = None) -> None:
     exact = [column.astype(np.float64) for column in columns[:-1]]
     ends = np.stack(exact[1:3], axis=1)
     rows: Any = zip(exact[0], ends, *exact[3:5], zip(*exact[5:7], strict=True), exact[7], strict=True)
-    expected = np.array([lit_moments(*row, MATERIAL.astype(np.float64)) for row in rows])
+    material = MATERIAL.astype(np.float64)
+    expected = np.array([lit_moments(d, e, s, p, g, v, material) for d, e, s, p, g, v in rows])
     parts = np.linspace(0.0, 1.0, 33)[:, None, None]
     mixed = (1.0 - parts) * exact[5] + parts * exact[6]
     kept = np.linalg.norm(mixed, axis=2).min(axis=0) > 0.2
     # The moments without light err by 2e-4 at most (test_segment.py), and so do they when their terms are multiplied by
     # a light of at most 1. The light adds its own error. Mixing gradients of at most 2 down to 0.2 rounds a normal by
     # gamma(4) 2 / 0.2, and a node that is off by gamma(12) moves the mixture by 4 of that; its length has three
-    # products, a root and a division, the cosine three products. A highlight is a power of 16: so often the cosine's error, and
-    # that of pow, 16 ln 2 2^-21 for cosines from 1/2, below which it is less than 2^-16.
+    # products, a root and a division, the cosine three products. A highlight is a power of 16: so often the
+    # cosine's error, and that of pow, 16 ln 2 2^-21 for cosines from 1/2, below which it is less than 2^-16.
     cosine = gamma(16) * 4.0 / 0.2 + gamma(8 + SQUARE_ROOT + DIVISION)
     light = 0.75 * cosine + 0.25 * (16.0 * cosine + 16.0 * 2.0**-21 + 8.0 * UNIT)
     assert kept.mean() > 0.8
