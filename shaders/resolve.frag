@@ -28,6 +28,7 @@
 #include "lib/bands.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/shading.glsl"
+#include "lib/lit_segment.glsl"
 #include "pass/resolve.glsl"
 
 out vec4 color;

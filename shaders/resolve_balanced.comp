@@ -28,6 +28,7 @@
 #include "lib/bands.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/shading.glsl"
+#include "lib/lit_segment.glsl"
 #include "pass/balanced.glsl"
 
 layout(local_size_x = 8, local_size_y = 8) in;

@@ -28,6 +28,7 @@
 #include "lib/bands.glsl"
 #include "lib/octahedral.glsl"
 #include "lib/shading.glsl"
+#include "lib/lit_segment.glsl"
 #include "pass/chain.glsl"
 
 out vec4 color;

@@ -100,7 +100,7 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         type=values.tolerance,
         metavar="E",
         help="in place of --per-slope: largest error of a component, such as 1/255, for all but a thousandth of the "
-        "pixels; isovalues and refinement are searched for on pictures from four sides",
+        "pixels; isovalues and refinement are searched for on pictures from four sides, without light",
     )
     parser.add_argument(
         "--max-isovalues",
@@ -118,6 +118,11 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         f"until the meshes are within {AUTO_DISTANCE:g} voxel of it (default 1; with --tolerance: the most that may "
         "be chosen, 8)",
     )
+
+
+def add_shading_option(group: argparse.ArgumentParser | argparse._ArgumentGroup, *, does: str) -> None:
+    """Add the light; `does` says what comes of it here."""
+    group.add_argument("--shading", action="store_true", help=does)
 
 
 def add_details_option(parser: argparse.ArgumentParser) -> None:
@@ -213,8 +218,10 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         help="opacity of a constant segment of optical depth x: 1 - exp(-x) (default), or x as in eq. 3 of "
         "Lindholm et al.",
     )
-    group.add_argument(
-        "--shading", action="store_true", help="light the volume from the eye (default: colours as they are)"
+    add_shading_option(
+        group,
+        does="light the volume from the eye (default: colours as they are); slopes of constant extinction and colour "
+        "then get isovalues too. --tolerance is measured without light",
     )
     add_look_options(group, displayed="")
 

@@ -35,6 +35,7 @@ def scene_from_cache(
     tf_path: Path | None = None,
     per_slope: int | None = None,
     nan_masked: bool = False,
+    lit: bool = False,
 ) -> PreparedScene:
     """Return the scene of a cache folder, with its own transfer function or another one.
 
@@ -49,13 +50,15 @@ def scene_from_cache(
         None: as the scene was planned, or the default with another transfer function.
     nan_masked : bool
         Take the surfaces that were extracted around masked samples, where the scene's own were not.
+    lit : bool
+        Whether pictures will be lit. Where the cache was not made for light, this is said, and its scene is as it is.
 
     Raises
     ------
     CacheError
         If the folder is damaged, of another version, or lacks a scene or an isovalue.
     """
-    from isosample.surfaces.cache import open_surface_set
+    from isosample.surfaces.cache import lists_surfaces, open_surface_set
     from isosample.surfaces.settings import ExtractionSettings
 
     start = time.perf_counter()
@@ -69,9 +72,18 @@ def scene_from_cache(
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
         value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
+        shares = None if own is None else own.plan.shares
         gradients = None if own is None else partial(mesh_gradients, own.surfaces)
-        plan = plan_for(tf, value_range, per_slope, gradients)
+        plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
+        if lit and not lists_surfaces(folder, plan.isovalues, settings):
+            plan = plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
         surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
+    if lit and plan.lacks_light:
+        note(
+            f"{folder} was made for pictures without light: it has no isovalues inside slopes of constant extinction "
+            "and colour, and the light there is a guess. `isosample precompute --shading` with the same --cache and "
+            "--tf adds them"
+        )
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,

@@ -53,6 +53,8 @@ def run_data_centric(
             f"--screen-error {args.screen_error:g} changes nothing: {args.source} has no coarser meshes; --details "
             "makes them"
         )
+    if args.shading and scene.plan.report:
+        note("the tolerance was measured without light; how far the lit picture may be off is not known")
     if args.plan:
         from isosample.cli.plan_table import say_plan
 
@@ -185,6 +187,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
             tf_path=args.tf,
             per_slope=args.per_slope,
             nan_masked=args.nan == "masked",
+            lit=args.shading,
         )
     volume = sources.open_source_volume(args, args.source)
     check_driver(args.size)

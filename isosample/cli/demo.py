@@ -119,7 +119,9 @@ def precompute(
     from isosample.surfaces.cache import content_hash, write_cache
     from isosample.surfaces.cache_folders import folder_bytes
 
-    surfaces, plan, seconds, _ = prepare_surfaces(volume, tf, Quality(), cache=cache, progress=progress)
+    surfaces, plan, seconds, _ = prepare_surfaces(
+        volume, tf, Quality(lit=True), cache=cache, progress=progress
+    )
     took |= seconds
     start = time.perf_counter()
     write_cache(

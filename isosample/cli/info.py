@@ -57,6 +57,9 @@ def add_parser(commands: Commands) -> None:
         metavar="FILE",
         help="JSON file for the transfer function that is suggested from the histogram: something to begin with",
     )
+    arguments.add_shading_option(
+        parser, does="with --plan: the isovalues for pictures with light (default: without)"
+    )
     arguments.add_plan_options(
         parser, without="none, or where one is needed, one suggested from the histogram"
     )
@@ -135,15 +138,19 @@ def _plan(
 ) -> tuple[TransferFunction | None, IsovaluePlan | None]:
     """Return the transfer function and its plan, suggested only where a plan is asked for."""
     from isosample.cli.sources import plan_for, transfer_function_of
+    from isosample.rendering.quality import shares_for_light
     from isosample.volume.statistics import gradient_at_values
 
+    if args.shading and not args.plan and args.histogram is None:
+        raise InputError("--shading changes the plan; add --plan to see it, or leave out --shading.")
     if not args.plan and given is None:
         if args.per_slope is not None:
             raise InputError(f"--per-slope {args.per_slope} changes the plan; add --plan to see it.")
         return None, None
     tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
     gradients = partial(gradient_at_values, volume)
-    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients)
+    shares = shares_for_light(volume, tf) if args.shading else None
+    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading, shares=shares)
 
 
 def _say(volume: Volume, description: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 EXAMPLE = """\
 isosample precompute head.nrrd --tf bone.json --per-slope 8 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --tolerance 1/255 --cache head_meshes
+isosample precompute head.nrrd --tf bone.json --shading --cache lit_meshes
 isosample precompute head.nrrd --tf bone.json --details 5 --cache head_meshes
 isosample precompute head.nrrd --tf bone.json --plain --cache-budget 2GiB --cache head_meshes
 isosample precompute huge.zarr --tf bone.json --memory 2GiB --cache huge_meshes
@@ -45,6 +46,11 @@ def add_parser(commands: Commands) -> None:
     arguments.add_plan_options(parser)
     arguments.add_quality_options(parser)
     arguments.add_details_option(parser)
+    arguments.add_shading_option(
+        parser,
+        does="for pictures with light (`render --shading`): slopes of constant extinction and colour get isovalues "
+        "too, which pictures without light do not need (default: without)",
+    )
     parser.add_argument(
         "--cache",
         type=Path,

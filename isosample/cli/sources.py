@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from isosample.rendering.quality import Quality
     from isosample.transfer.isovalues import IsovaluePlan
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
@@ -77,12 +78,17 @@ def plan_for(
     value_range: tuple[float, float],
     per_slope: int | None,
     gradients: Gradients | None,
+    *,
+    lit: bool,
+    shares: SampleShares | None,
 ) -> IsovaluePlan:
-    """Return the isovalues with K = `per_slope`, or the default for None."""
+    """Return the isovalues with K = `per_slope`, or the default for None; `lit`: for pictures with light."""
     from isosample.transfer.isovalues import plan_isovalues
 
     chosen = DEFAULT_PER_SLOPE if per_slope is None else per_slope
-    return plan_isovalues(transfer_function, value_range, per_slope=chosen, gradients=gradients)
+    return plan_isovalues(
+        transfer_function, value_range, per_slope=chosen, gradients=gradients, lit=lit, shares=shares
+    )
 
 
 def transfer_function_of(
@@ -148,4 +154,5 @@ def quality_of(args: argparse.Namespace) -> Quality:
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         refine=refine,
         details=getattr(args, "details", None) or 0,
+        lit=args.shading,
     )

@@ -50,8 +50,8 @@ def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     verdict = "reached" if report["missed"] is None else f"NOT reached, {report['missed']}"
     views = len(report["views"])
     return {
-        "tolerance": f"{report['tolerance']:.3g}: {verdict}; all but 0.1 % of the pixels of {views} views err less "
-        f"than {report['reached']:.2g}",
+        "tolerance": f"{report['tolerance']:.3g}: {verdict}; all but 0.1 % of the pixels of {views} views, unlit, "
+        f"err less than {report['reached']:.2g}",
         "plan": report["reason"],
     }
 

@@ -144,6 +144,51 @@ def largest_depth(
 
 
 @compiled
+def segment_panel(
+    depth_low: float,
+    depth_high: float,
+    front: float,
+    back: float,
+    slope_front: float,
+    slope_back: float,
+    start: float,
+    length: float,
+) -> tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float], float]:
+    """Three Gauss-Legendre nodes of a piece of a segment, in which the optical depth is small.
+
+    Parameters
+    ----------
+    depth_low, depth_high, front, back, slope_front, slope_back : float
+        As for `cubic_moments`.
+    start, length : float
+        The piece, in parts of the segment.
+
+    Returns
+    -------
+    parts, positions, emitted : three floats each
+        Of the segment, in the band, and in proportion to what is seen of each node.
+    opacity : float
+        Of the piece.
+    """
+    u0, u1, u2 = start + length * NODES[0], start + length * NODES[1], start + length * NODES[2]
+    p0 = segment_position(front, back, slope_front, slope_back, u0)
+    p1 = segment_position(front, back, slope_front, slope_back, u1)
+    p2 = segment_position(front, back, slope_front, slope_back, u2)
+    x0 = length * (depth_low + p0 * (depth_high - depth_low))
+    x1 = length * (depth_low + p1 * (depth_high - depth_low))
+    x2 = length * (depth_low + p2 * (depth_high - depth_low))
+    d0 = BEFORE_FIRST[0] * x0 + BEFORE_FIRST[1] * x1 + BEFORE_FIRST[2] * x2
+    d1 = BEFORE_SECOND[0] * x0 + BEFORE_SECOND[1] * x1 + BEFORE_SECOND[2] * x2
+    d2 = BEFORE_THIRD[0] * x0 + BEFORE_THIRD[1] * x1 + BEFORE_THIRD[2] * x2
+    least = min(d0, d1, d2)
+    e0 = WEIGHTS[0] * x0 * math.exp(least - d0)
+    e1 = WEIGHTS[1] * x1 * math.exp(least - d1)
+    e2 = WEIGHTS[2] * x2 * math.exp(least - d2)
+    opacity = -math.expm1(-(WEIGHTS[0] * x0 + WEIGHTS[1] * x1 + WEIGHTS[2] * x2))
+    return (u0, u1, u2), (p0, p1, p2), (e0, e1, e2), opacity
+
+
+@compiled
 def cubic_moments(
     depth_low: float,
     depth_high: float,
@@ -186,23 +231,11 @@ def cubic_moments(
     for panel in range(count):
         right = panel_edge(panel + 1, count, thickness)
         origin, length = start + width * left, width * (right - left)
-        u0, u1, u2 = origin + length * NODES[0], origin + length * NODES[1], origin + length * NODES[2]
-        p0 = segment_position(front, back, slope_front, slope_back, u0)
-        p1 = segment_position(front, back, slope_front, slope_back, u1)
-        p2 = segment_position(front, back, slope_front, slope_back, u2)
-        x0 = length * (depth_low + p0 * (depth_high - depth_low))
-        x1 = length * (depth_low + p1 * (depth_high - depth_low))
-        x2 = length * (depth_low + p2 * (depth_high - depth_low))
-        d0 = BEFORE_FIRST[0] * x0 + BEFORE_FIRST[1] * x1 + BEFORE_FIRST[2] * x2
-        d1 = BEFORE_SECOND[0] * x0 + BEFORE_SECOND[1] * x1 + BEFORE_SECOND[2] * x2
-        d2 = BEFORE_THIRD[0] * x0 + BEFORE_THIRD[1] * x1 + BEFORE_THIRD[2] * x2
-        least = min(d0, d1, d2)
-        e0 = WEIGHTS[0] * x0 * math.exp(least - d0)
-        e1 = WEIGHTS[1] * x1 * math.exp(least - d1)
-        e2 = WEIGHTS[2] * x2 * math.exp(least - d2)
+        (u0, u1, u2), (p0, p1, p2), (e0, e1, e2), opacity = segment_panel(
+            depth_low, depth_high, front, back, slope_front, slope_back, origin, length
+        )
         total = e0 + e1 + e2
         if total > 0.0:
-            opacity = -math.expm1(-(WEIGHTS[0] * x0 + WEIGHTS[1] * x1 + WEIGHTS[2] * x2))
             scale = through * opacity / total
             first += through * opacity
             second += scale * (e0 * p0 + e1 * p1 + e2 * p2)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from isosample.defaults import DEFAULT_PER_SLOPE
 from isosample.rendering.planning_views import reached
+from isosample.transfer.isovalue_plan import CONSTANT_SLOPES
 from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.slope_values import plateau_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
     from isosample.integral.crossing_lists import CrossingLists
     from isosample.rendering.planning_views import PlanningViews
     from isosample.transfer.isovalue_plan import IsovaluePlan
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
 
@@ -48,6 +52,13 @@ class IsovalueSearch:
     error: float
     rounds: list[dict[str, Any]]
 
+    def marked(self, *, lit: bool, shares: SampleShares | None) -> IsovalueSearch:
+        """The same, with a plan that says whether it is for light."""
+        if not lit:
+            return self
+        skipped = self.plan.skipped | {CONSTANT_SLOPES: 0}
+        return replace(self, plan=replace(self.plan, lit=True, shares=shares, skipped=skipped))
+
 
 def search_isovalues(
     views: PlanningViews,
@@ -59,6 +70,8 @@ def search_isovalues(
     max_isovalues: int,
     gradients: Gradients | None,
     least_slope: float,
+    lit: bool = False,
+    shares: SampleShares | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> IsovalueSearch:
     """Divide bands until cubic segments between exact crossings show the truth.
@@ -79,6 +92,11 @@ def search_isovalues(
         As for `plan_isovalues`.
     least_slope : float
         As for `integrate_lists`.
+    lit : bool
+        Whether pictures will be lit: slopes of constant extinction and colour are then given the default number of
+        values per slope, as the search, whose pictures have no light, sees no need for any.
+    shares : SampleShares, optional
+        As for `plan_isovalues`, for these values.
     progress : callable, optional
         Called with the number of isovalues and `max_isovalues`.
 
@@ -92,7 +110,7 @@ def search_isovalues(
     """
     from isosample.integral.data_centric import integrate_lists
 
-    extra: list[float] = []
+    extra = plateau_values(transfer_function, value_range, DEFAULT_PER_SLOPE, shares) if lit else []
     rounds: list[dict[str, Any]] = []
     best: IsovalueSearch | None = None
     before = -1
@@ -102,7 +120,7 @@ def search_isovalues(
         )
         count = len(plan.isovalues)
         if best is not None and (count > max_isovalues or count == before):
-            return best
+            return best.marked(lit=lit, shares=shares)
         before = count
         lists = crossings(plan.isovalues)
         integrals = integrate_lists(lists, plan, reach=0.0, least_slope=least_slope)
@@ -114,7 +132,7 @@ def search_isovalues(
         if progress is not None:
             progress(min(count, max_isovalues), max_isovalues)
         if error <= target:
-            return best
+            return best.marked(lit=lit, shares=shares)
         share = min(max(0.5 * (math.sqrt(error / target) - 1.0), LEAST_SHARE), LARGEST_SHARE)
         weights = _band_weights(lists, plan, errors > JUDGED * target, least_slope)
         extra += _middles(plan, weights, share, max_isovalues - count)

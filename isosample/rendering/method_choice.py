@@ -112,7 +112,7 @@ def choose_method(
         Pixels.
     settings : RenderSettings, optional
     quality : Quality, optional
-        Of the data-centric method.
+        Of the data-centric method; with a material in `settings` taken for `lit`.
     raycast : RaycastSettings, optional
         Of the ray caster: its step; `raycast_settings_for` says what else it should be.
     among : sequence of str
@@ -143,6 +143,8 @@ def choose_method(
     started = time.perf_counter()
     check_size(size)
     settings, quality = settings or RenderSettings(), quality or Quality()
+    if settings.material is not None:
+        quality = dataclasses.replace(quality, lit=True)
     raycast = raycast or RaycastSettings(reconstruction=quality.reconstruction)
     unknown = sorted(set(among) - set(CHOSEN_FROM))
     if unknown or not among:

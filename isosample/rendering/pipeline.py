@@ -72,7 +72,8 @@ def render(
         Into how many pieces an edge of the mesh may be divided: 1 (default), 2, 4 or 8; for a tolerance the
         largest that may be chosen (default 8).
     settings : RenderSettings, optional
-        Segment rule, shading, background, clip planes.
+        Segment rule, shading, background, clip planes. With a material the plan is one for light (`Quality.lit`); a
+        tolerance is that of the picture without light.
     nan_masked : bool
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
     progress : callable, optional
@@ -100,6 +101,7 @@ def render(
         max_isovalues=max_isovalues,
         reconstruction=reconstruction,
         refine=(1 if tolerance is None else None) if refine is None else refine,
+        lit=settings is not None and settings.material is not None,
     )
     _check_tolerance(quality, settings)
     surfaces, plan, seconds, _ = prepare_surfaces(
@@ -139,7 +141,8 @@ def render_surfaces(
     surfaces : SurfaceSet
         From `extract_surfaces` or a cache folder.
     plan : IsovaluePlan
-        Its isovalues must be among those of the surfaces.
+        Its isovalues must be among those of the surfaces. For light it should be one for it (`plan_isovalues` with
+        ``lit=True``), or slopes of constant extinction and colour are lit by the normals of their two ends alone.
     camera, size, settings, progress
         As for `render`.
     seconds : dict of str to float, optional

@@ -191,6 +191,7 @@ def _for_tolerance(
         max_isovalues=quality.max_isovalues,
         max_refine=quality.refine or REFINEMENTS[-1],
         nan_masked=nan_masked,
+        lit=quality.lit,
         progress=progress,
     )
     planned = time.perf_counter()

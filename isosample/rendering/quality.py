@@ -11,6 +11,7 @@ from isosample.errors import InputError
 from isosample.surfaces.detail_sets import check_details
 from isosample.surfaces.settings import REFINEMENTS
 from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.sample_shares import SampleShares
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
 
@@ -44,6 +45,9 @@ class Quality:
     details : int
         0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
         `surfaces.detail`.
+    lit : bool
+        Whether pictures will be lit (`RenderSettings.material`), see `plan_isovalues`. A tolerance is searched for
+        without light all the same, as its reference has none.
 
     Raises
     ------
@@ -57,6 +61,7 @@ class Quality:
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
     refine: int | None = 1
     details: int = 0
+    lit: bool = False
 
     def __post_init__(self) -> None:
         if self.tolerance is not None and self.per_slope is not None:
@@ -93,8 +98,19 @@ def plan_for(
         spline = GridSpline.build(volume, quality.reconstruction)
     value_range = volume.value_range if spline is None else spline.value_range
     return plan_isovalues(
-        transfer_function, value_range, per_slope=per_slope, gradients=partial(gradient_at_values, volume)
+        transfer_function,
+        value_range,
+        per_slope=per_slope,
+        gradients=partial(gradient_at_values, volume),
+        lit=quality.lit,
+        shares=shares_for_light(volume, transfer_function) if quality.lit else None,
     )
+
+
+def shares_for_light(volume: Volume, transfer_function: TransferFunction) -> SampleShares | None:
+    """How the samples spread, by a look at all of them; None without slopes of constant extinction and colour."""
+    slopes = transfer_function.slopes()
+    return SampleShares.of(volume) if any(one.visible and one.constant for one in slopes) else None
 
 
 def mesh_distance(surfaces: SurfaceSet | StoredSurfaces) -> float:

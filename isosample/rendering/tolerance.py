@@ -19,6 +19,7 @@ from isosample.rendering.mesh_search import KnownMeshes, search_mesh, steps_of_s
 from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
+from isosample.rendering.quality import shares_for_light
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 from isosample.volume.statistics import gradient_at_values
@@ -96,6 +97,7 @@ def plan_for_tolerance(
     max_refine: int = REFINEMENTS[-1],
     max_triangles: int = DEFAULT_MAX_TRIANGLES,
     nan_masked: bool = False,
+    lit: bool = False,
     progress: Progress | None = None,
 ) -> TolerancePlan:
     """Return isovalues and a refinement of their meshes such that pictures are within a tolerance.
@@ -121,6 +123,9 @@ def plan_for_tolerance(
         A refinement that would exceed so many triangles is not tried, >= 1.
     nan_masked : bool
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
+    lit : bool
+        Whether pictures will be lit: slopes of constant extinction and colour are then given isovalues too. What is
+        reached is measured without light all the same, as the reference has none.
     progress : callable, optional
         Called with the stage ("truth", "isovalues", "refine"), steps done and steps in all.
 
@@ -174,6 +179,7 @@ def plan_for_tolerance(
         settings,
         (tolerance, max_isovalues, max_refine, max_triangles),
         progress,
+        lit=lit,
     )
     report = {
         "tolerance": tolerance,
@@ -201,6 +207,8 @@ def _search(
     settings: ExtractionSettings,
     limits: tuple[float, int, int, int],
     progress: Progress | None,
+    *,
+    lit: bool,
 ) -> tuple[IsovalueSearch, MeshSearch]:
     """Isovalues and meshes; fewer isovalues where their triangles leave no room for the refinement that is needed."""
     tolerance, max_isovalues, max_refine, max_triangles = limits
@@ -217,6 +225,7 @@ def _search(
             settings.reconstruction,
             max_isovalues,
             progress,
+            lit=lit,
         )
         meshes = search_mesh(
             known,
@@ -280,6 +289,8 @@ def _search_isovalues(
     reconstruction: Reconstruction,
     max_isovalues: int,
     progress: Progress | None,
+    *,
+    lit: bool,
 ) -> IsovalueSearch:
     """Isovalues for exact crossings of the volume's own field."""
     from isosample.integral.grid_crossings import grid_crossings
@@ -296,6 +307,8 @@ def _search_isovalues(
         max_isovalues=max_isovalues,
         gradients=_remembered(partial(gradient_at_values, volume)),
         least_slope=least_sheet_slope((low, high), volume.box),
+        lit=lit,
+        shares=shares_for_light(volume, transfer_function) if lit else None,
         progress=_stage(progress, "isovalues"),
     )
 

@@ -11,11 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.transfer.sample_shares import SampleShares
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 F64 = npt.NDArray[np.float64]
+
+CONSTANT_SLOPES = "constant_slopes"  # key of `skipped`: visible slopes that were given no isovalues inside
 
 
 class Reason(enum.Enum):
@@ -75,6 +78,10 @@ class IsovaluePlan:
         Width of the peak that the sheet stands for, in typical voxels; 0 where the level is none.
     skipped : dict of str to int
         What was left out and how much.
+    lit : bool
+        True where slopes of constant extinction and colour were given isovalues too, for pictures with light.
+    shares : SampleShares or None
+        By which the values inside slopes of constant extinction and colour were spaced.
     report : dict
         How the plan was found, JSON-ready; empty for a plan that was not searched for.
 
@@ -96,6 +103,8 @@ class IsovaluePlan:
     sheet_color: F64
     sheet_width: F64
     skipped: dict[str, int]
+    lit: bool = False
+    shares: SampleShares | None = None
     report: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -127,6 +136,11 @@ class IsovaluePlan:
         visible: npt.NDArray[np.bool_] = np.any(self.band_extinction > 0, axis=1)
         return visible
 
+    @property
+    def lacks_light(self) -> bool:
+        """True where a picture with light needs isovalues that the plan has left out; see `plan_isovalues`."""
+        return not self.lit and self.skipped.get(CONSTANT_SLOPES, 0) > 0
+
     def describe(self) -> list[PlanRow]:
         """Return one row per isovalue, for printing."""
         below, above = self.band_extinction[:-1, 1], self.band_extinction[1:, 0]
@@ -152,6 +166,8 @@ class IsovaluePlan:
             "sheet_color": self.sheet_color.tolist(),
             "sheet_width": self.sheet_width.tolist(),
             "skipped": dict(self.skipped),
+            "lit": self.lit,
+            **({"shares": self.shares.to_dict()} if self.shares is not None else {}),
             "report": copy.deepcopy(self.report),
         }
 
@@ -180,6 +196,8 @@ class IsovaluePlan:
                 sheet_color=np.asarray(document["sheet_color"], dtype=np.float64).reshape(-1, 3),
                 sheet_width=np.asarray(document["sheet_width"], dtype=np.float64),
                 skipped={str(key): int(count) for key, count in document["skipped"].items()},
+                lit=bool(document.get("lit", False)),  # plans of older caches do not say
+                shares=SampleShares.from_dict(document["shares"]) if "shares" in document else None,
                 report=copy.deepcopy(dict(document.get("report", {}))),
             )
         except (KeyError, TypeError, AttributeError) as error:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.transfer.isovalue_plan import IsovaluePlan, PlanRow, Reason
+from isosample.transfer.isovalue_plan import CONSTANT_SLOPES, IsovaluePlan, PlanRow, Reason
 from isosample.transfer.sheets import SHEET_COUNT, split_sheets
+from isosample.transfer.slope_values import slope_values
 from isosample.transfer.transfer_function import SEPARATION_ULP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients, Sheet
+    from isosample.transfer.slope_values import SlopeValues
     from isosample.transfer.transfer_function import TransferFunction
 
 __all__ = ["IsovaluePlan", "PlanRow", "Reason", "plan_isovalues"]
@@ -38,6 +41,8 @@ def plan_isovalues(
     per_slope: int = 5,
     extra: Sequence[float] = (),
     gradients: Gradients | None = None,
+    lit: bool = False,
+    shares: SampleShares | None = None,
 ) -> IsovaluePlan:
     """Isovalues that a picture needs, and the transfer function between them.
 
@@ -55,6 +60,12 @@ def plan_isovalues(
         Typical gradient magnitude of the volume [data units/voxel] at each of a list of values, None where it
         is unknown; for instance ``functools.partial(gradient_at_values, volume)``. Peaks that are narrower
         than a hundredth of a voxel by it become sheets (see `sheets.split_sheets`). Without it none does.
+    lit : bool
+        Whether pictures will be lit (`RenderSettings.material`): then visible slopes that are constant in
+        extinction and colour get values too.
+    shares : SampleShares, optional
+        Of the volume: for light the values inside these slopes are spaced half by value and half by samples, instead of
+        evenly. The plan keeps it.
 
     Returns
     -------
@@ -70,8 +81,10 @@ def plan_isovalues(
     -----
     Every control point that bounds a visible slope or is a visible step is an isovalue, so that inside a band
     extinction and colour are linear. A slope that is constant in extinction and colour gets no values
-    inside: the light and the opacity of a stretch of ray within it depend on its length alone, which the
-    crossings of its two ends give exactly; nothing is gained by knowing the field in between.
+    inside: without light, the colour and the opacity of a stretch of ray within it depend on its length alone,
+    which the crossings of its two ends give exactly; nothing is gained by knowing the field in between. With
+    light the normal counts, which is known at crossings alone and turns between them: with `lit` such a slope is
+    divided as any other. Beyond the first and the last control point there is no extinction, so nothing to light.
 
     Values of slopes are kept where low < v < high: a level at the maximum is a degenerate surface.
     Isosurfaces are kept where low < v <= high: a maximum can fill a region whose border is a surface.
@@ -82,7 +95,8 @@ def plan_isovalues(
         raise InputError(f"per_slope {per_slope!r} must be a whole number from 0 to {MAX_PER_SLOPE}.")
     sheets, transfer_function = split_sheets(transfer_function, (low, high), gradients)
     points, skipped_points = _point_candidates(transfer_function, low, high)
-    between, constant_count = _between_candidates(transfer_function, low, high, per_slope)
+    slopes = slope_values(transfer_function, (low, high), per_slope, shares)
+    between, constant_count = _between_candidates(slopes, lit=lit)
     surfaces = transfer_function.isosurfaces
     impulses = [_candidate(s.value, Reason.IMPULSE) for s in surfaces if low < s.value <= high]
     further = _extra_candidates(transfer_function, low, high, extra)
@@ -93,13 +107,15 @@ def plan_isovalues(
     clusters = _clusters([*chosen, _candidate(low, None), _candidate(high, None)])
     skipped = {
         **skipped_points,
-        "constant_slopes": constant_count,
+        CONSTANT_SLOPES: constant_count,
         "isosurfaces_outside_range": len(surfaces) - len(impulses),
         "extra_values_not_visible": len(extra) - len(further),
         SHEET_COUNT: len(sheets),
         "values_merged": len(chosen) - sum(cluster.level is not None for cluster in clusters),
     }
-    return _assemble(transfer_function, (low, high), clusters, sheets, skipped)
+    return replace(
+        _assemble(transfer_function, (low, high), clusters, sheets, skipped), lit=lit, shares=shares
+    )
 
 
 def _is_whole(number: object) -> bool:
@@ -195,23 +211,16 @@ def _visible_steps(transfer_function: TransferFunction, values: list[float]) -> 
     return steps
 
 
-def _between_candidates(
-    transfer_function: TransferFunction, low: float, high: float, per_slope: int
-) -> tuple[list[_Candidate], int]:
-    """Evenly spaced values inside the visible slopes, and the number of constant slopes that need none."""
+def _between_candidates(slopes: list[SlopeValues], *, lit: bool) -> tuple[list[_Candidate], int]:
+    """Return the values inside the visible slopes, and the number of constant slopes that get none."""
     found: list[_Candidate] = []
-    constant_count = 0
-    for slope in transfer_function.slopes():
-        start, stop = max(low, slope.low.value), min(high, slope.high.value)
-        if not slope.visible or start >= stop:
-            continue
-        if slope.constant:
-            constant_count += 1
-            continue
-        tolerance = _tolerance(max(abs(start), abs(stop)))  # rounding of the interpolation, also near 0
-        inner = np.linspace(start, stop, per_slope + 2)[1:-1].tolist()
-        found += [_Candidate(value, tolerance, Reason.BETWEEN) for value in inner]
-    return found, constant_count
+    for slope in slopes:
+        if lit or not slope.constant:
+            tolerance = _tolerance(
+                max(abs(slope.start), abs(slope.stop))
+            )  # of the spacing's rounding, also near 0
+            found += [_Candidate(value, tolerance, Reason.BETWEEN) for value in slope.values]
+    return found, 0 if lit else sum(slope.constant for slope in slopes)
 
 
 def _extra_candidates(

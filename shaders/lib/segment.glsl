@@ -88,12 +88,31 @@ float largest_depth(vec2 depths, float front, float back, vec2 slopes) {
     return max(mix(depths.x, depths.y, lowest), mix(depths.x, depths.y, highest));
 }
 
+// Three Gauss-Legendre nodes of a piece of a segment, in which the optical depth is small.
+struct Panel {
+    vec3 parts;                           // of the segment
+    vec3 positions;                       // in the band
+    vec3 emitted;                         // in proportion to what is seen of each node
+    float total;                          // their sum
+    float opacity;                        // of the piece, in closed form: the rule is exact for extinction, a cubic
+};
+
+// The piece of a segment from the part `start` on; `depths` is the extinction at the two ends of the band times the length
+// of the whole segment. The depth before a node is by the matrix of Gauss's method of order 6.
+Panel segment_panel(vec2 depths, float front, float back, vec2 slopes, float start, float length) {
+    vec3 u = start + length * SEGMENT_NODES;
+    vec3 p = vec3(segment_position(front, back, slopes, u.x), segment_position(front, back, slopes, u.y),
+                  segment_position(front, back, slopes, u.z));
+    vec3 x = length * mix(vec3(depths.x), vec3(depths.y), p);
+    vec3 before = vec3(dot(SEGMENT_BEFORE_FIRST, x), dot(SEGMENT_BEFORE_SECOND, x), dot(SEGMENT_BEFORE_THIRD, x));
+    vec3 emitted = SEGMENT_WEIGHTS * x * exp(min(min(before.x, before.y), before.z) - before);
+    return Panel(u, p, emitted, emitted.x + emitted.y + emitted.z, opacity_from_depth(dot(SEGMENT_WEIGHTS, x)));
+}
+
 // Emission integrals over the part [part.x, part.y] of a segment, along which the position p in the band is a cubic of u:
-// integrals of w tau exp(-D) for w = 1, p, u and u p. `depths` is the extinction at the two ends of the band times the
-// length of the whole segment. A colour that runs linearly over the band gives c_low (x - y) + c_high y.
-//   Panels of optical depth 1 at most, with three Gauss-Legendre nodes each; the depth before a node by the matrix of
-//   Gauss's method of order 6; the weights are scaled to sum to the opacity, in closed form: the rule is exact for the
-//   depth, as extinction is a cubic of u.
+// integrals of w tau exp(-D) for w = 1, p, u and u p. A colour that runs linearly over the band gives
+// c_low (x - y) + c_high y.
+//   Panels of optical depth 1 at most; the weights of their nodes are scaled to sum to the opacity.
 // Error of rounding: see tests/shaders/test_segment.py.
 vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part) {
     float width = part.y - part.x;
@@ -102,25 +121,18 @@ vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part)
     vec4 moments = vec4(0.0);
     float through = 1.0;
     float left = 0.0;
-    int panel = 0;
+    int number = 0;
     do {
-        float right = panel_edge(panel + 1, count, thickness);
-        float length = width * (right - left);
-        vec3 u = part.x + width * left + length * SEGMENT_NODES;
-        vec3 p = vec3(segment_position(front, back, slopes, u.x), segment_position(front, back, slopes, u.y),
-                      segment_position(front, back, slopes, u.z));
-        vec3 x = length * mix(vec3(depths.x), vec3(depths.y), p);
-        vec3 before = vec3(dot(SEGMENT_BEFORE_FIRST, x), dot(SEGMENT_BEFORE_SECOND, x), dot(SEGMENT_BEFORE_THIRD, x));
-        vec3 emitted = SEGMENT_WEIGHTS * x * exp(min(min(before.x, before.y), before.z) - before);
-        float total = emitted.x + emitted.y + emitted.z;
-        if (total > 0.0) {
-            float opacity = opacity_from_depth(dot(SEGMENT_WEIGHTS, x));
-            vec4 seen = vec4(total, dot(emitted, p), dot(emitted, u), dot(emitted, u * p));
-            moments += through * opacity / total * seen;
-            through *= 1.0 - opacity;
+        float right = panel_edge(number + 1, count, thickness);
+        Panel panel = segment_panel(depths, front, back, slopes, part.x + width * left, width * (right - left));
+        if (panel.total > 0.0) {
+            vec4 seen = vec4(panel.total, dot(panel.emitted, panel.positions), dot(panel.emitted, panel.parts),
+                             dot(panel.emitted, panel.parts * panel.positions));
+            moments += through * panel.opacity / panel.total * seen;
+            through *= 1.0 - panel.opacity;
         }
         left = right;
-        ++panel;
-    } while (panel < count && through >= SEGMENT_SPENT);
+        ++number;
+    } while (number < count && through >= SEGMENT_SPENT);
     return moments;
 }

@@ -3,6 +3,7 @@
 // Twins: isosample/integral/list_segments.py, list_walk.py
 
 const float UNKNOWN_SLOPE = 3e38;
+const vec4 UNLIT = vec4(1.0, 0.0, 0.0, 1.0);  // a material that leaves colours as they are
 
 struct Walk {
     vec3 radiance;                        // premultiplied, in front of the current position
@@ -77,23 +78,28 @@ void composite_linear(Band band, float position, vec2 part, float length, uint n
               + weights.y * lit(back.rgb, normal_between(walk.normal, normal, part.y)), weights.x + weights.y);
 }
 
-// The value runs along a cubic, with the slope of the chord where an end has none; the light runs linearly from one end
-// of the segment to the other.
+// The value runs along a cubic, with the slope of the chord where an end has none; the gradient, for the light, runs
+// linearly from one end of the segment to the other.
 void composite_cubic(Band band, float span, float position, float slope, vec2 part, uint normal) {
     float rise = position - walk.position;
     bool crossings = walk.slope != UNKNOWN_SLOPE && slope != UNKNOWN_SLOPE;
     vec2 slopes = vec2(walk.slope != UNKNOWN_SLOPE ? walk.slope * span * band.inverse_width : rise,
                        slope != UNKNOWN_SLOPE ? slope * span * band.inverse_width : rise);
     if (crossings) slopes = limit_slopes(walk.position, position, slopes);
-    vec4 moments = cubic_moments(span * vec2(band.low.a, band.high.a), walk.position, position, slopes, part);
+    vec2 depths = span * vec2(band.low.a, band.high.a);
 #if SHADING
-    vec3 front_normal = normal_between(walk.normal, normal, 0.0);
-    vec3 back_normal = normal_between(walk.normal, normal, 1.0);
-    composite(lit(band.low.rgb, front_normal) * (moments.x - moments.y - moments.z + moments.w)
-              + lit(band.high.rgb, front_normal) * (moments.y - moments.w)
-              + lit(band.low.rgb, back_normal) * (moments.z - moments.w) + lit(band.high.rgb, back_normal) * moments.w,
-              moments.x);
+    vec3 front_gradient = normal_between(walk.normal, normal, 0.0);
+    vec3 back_gradient = normal_between(walk.normal, normal, 1.0);
+    if (crossings) {
+        front_gradient = crossing_gradient(front_gradient, walk.slope, ray_direction);
+        back_gradient = crossing_gradient(back_gradient, slope, ray_direction);
+    }
+    vec4 material = (walk.normal | normal) != 0u ? frame.material : UNLIT;
+    vec4 moments = lit_moments(depths, walk.position, position, slopes, part, front_gradient, back_gradient, ray_direction,
+                               material);
+    composite(band.low.rgb * (moments.y - moments.z) + band.high.rgb * moments.z + moments.w, moments.x);
 #else
+    vec4 moments = cubic_moments(depths, walk.position, position, slopes, part);
     composite(band.low.rgb * (moments.x - moments.y) + band.high.rgb * moments.y, moments.x);
 #endif
 }

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.integral.lit_segment import crossing_gradient, lit_moments
 from isosample.integral.optics import segment_weights
-from isosample.integral.segment import cubic_moments
 from isosample.integral.segment_rule import SegmentRule
 from isosample.integral.shading import blinn_phong
 from isosample.rendering.abuffer import ABuffer
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import moderngl
 
 MATERIAL = Material(ambient=0.2, diffuse=0.5, specular=0.25, shininess=10.0)
+VIEW = np.array([0.0, 0.0, -1.0])
 NORMAL_ERROR = 6.8e-5  # shaders/lib/octahedral.glsl: angle of a packed normal [rad]
 
 
@@ -68,30 +69,33 @@ def test_the_two_ends_of_a_segment_are_lit_by_their_own_normals(
     camera = Camera.orbit(volume.box, zoom=6)  # looks along -z, so the values fall from 4 to 0
     with ABuffer(gl, replace(scene, vertices=vertices)) as abuffer:
         rgba, _ = abuffer.render(camera, (8, 8), RenderSettings(material=MATERIAL, segment=rule))
-    material = [MATERIAL.ambient, MATERIAL.diffuse, MATERIAL.specular, MATERIAL.shininess]
+    light = np.array([MATERIAL.ambient, MATERIAL.diffuse, MATERIAL.specular, MATERIAL.shininess])
     places = [4.0, *plan.isovalues[::-1], 0.0]
     # A box end has no normal and takes that of the other end of its segment.
     normals = [tilts[1], tilts[1], tilts[0], tilts[0]]
     radiance, transmittance = np.zeros(3), 1.0
     for i in range(3):
         ends = [np.asarray(tf.evaluate(v)[0]) for v in places[i : i + 2]]
-        lit = [
-            blinn_phong(c, n, [0.0, 0.0, -1.0], material)
-            for c, n in zip(ends, normals[i : i + 2], strict=True)
-        ]
+        lit = [blinn_phong(c, n, VIEW, light) for c, n in zip(ends, normals[i : i + 2], strict=True)]
         length = places[i] - places[i + 1]
         depths = [float(tf.evaluate(v)[1]) * length for v in places[i : i + 2]]
         weights = segment_weights(*depths)
         if rule is SegmentRule.LINEAR:
             radiance = radiance + transmittance * (weights[0] * lit[0] + weights[1] * lit[1])
-        else:  # colour and light each run linearly, and so their product of second degree
-            crossed = [
-                blinn_phong(c, n, [0.0, 0.0, -1.0], material)
-                for c, n in zip(ends, normals[i : i + 2][::-1], strict=True)
-            ]
-            seen, high, _, both = cubic_moments(depths[0], depths[1], 0.0, 1.0, 1.0, 1.0, 0.0, 1.0)
-            light = lit[0] * (seen - 2 * high + both) + (crossed[0] + crossed[1]) * (high - both)
-            radiance = radiance + transmittance * (light + lit[1] * both)
+        else:  # the value falls by one band; the slope along the ray is 1, so gradients are normals over cosines
+            gradients = [crossing_gradient(n, 1.0, VIEW) for n in normals[i : i + 2]]
+            seen = lit_moments(
+                (depths[1], depths[0]),
+                (1.0, 0.0),
+                (-1.0, -1.0),
+                (0.0, 1.0),
+                (gradients[0], gradients[1]),
+                VIEW,
+                light,
+            )
+            radiance = radiance + transmittance * (
+                ends[1] * (seen[1] - seen[2]) + ends[0] * seen[2] + seen[3]
+            )
         transmittance *= 1.0 - weights.sum()
     error = np.abs(rgba[..., :3] - radiance).max()
     # Packed normals, 3 segments with weights to 3.8e-6, and roundings of pow (1e-5). A cubic's slope is a half float,
@@ -133,3 +137,37 @@ def test_a_sphere_darkens_towards_its_silhouette_under_any_spacing(gl: moderngl.
     # Central differences err by h² f''' / 6 with f''' <= 2 / r², so 0.021; between the vertices normals
     # differ from the surface's by up to (h / 2r)² / 2 = 0.008 more.
     assert np.abs(rgba[..., 0] - cosine)[inside].max() < 0.021 + 0.008
+
+
+@pytest.mark.parametrize("top", [10.0, 30.0], ids=["inside the box", "beyond the box"])
+def test_light_inside_a_plateau_converges_with_the_isovalues(gl: moderngl.Context, top: float) -> None:
+    # The field is the distance r to the centre; extinction t and colour are constant for 2 <= r <= top, the light is
+    # the cosine |s| / r at the way s from the point of a ray nearest to the centre, b from it. Thin (t = 1e-4), the
+    # ray shows t times the integral of |s| / r up to r = R, its end on the plateau or the box: 2 t (R - b), and half of
+    # the way there is in front of it in the mean.
+    # Between two crossings the gradient runs linearly. In the segment that holds s = 0, between two crossings of one
+    # level e, it is the place over e, so the light is right; that of the two ends would show 2 t (e - b) b / e too
+    # much, from 0 to 2 t d with levels d apart: first order. In a segment of length h from one level to the next the
+    # places are weighed by 1 / r at either end, so a normal is that of a place up to h d / 4r away: with light that
+    # changes by b^2 / r^3, h^2 d b^2 / 6 r^4 in all. h is d r / s, and (2 b d)^(1/2) at most: second order in all.
+    extinction, material = 1e-4, Material(ambient=0.0, diffuse=1.0, specular=0.0, shininess=1.0)
+    volume = sphere_volume(0.0, (0.25, 0.25, 0.25))
+    tf = TransferFunction([ControlPoint(value, (1.0, 1.0, 1.0), extinction) for value in (2.0, top)])
+    camera = Camera.orbit(volume.box)  # along z: every ray is 24 long
+    origins, _ = camera.rays(1.0).origins_and_directions(48, 48)
+    nearest = np.hypot(origins[..., 0], origins[..., 1])
+    end = np.minimum(top, np.sqrt(144.0 + nearest**2))
+    way = np.sqrt(np.maximum(end**2 - nearest**2, 0.0))  # to the middle, from either end
+    shown = 2.0 * (end - nearest) * np.exp(-extinction * way)
+    judged = (nearest > 3.0) & (nearest < 9.0)
+    errors, widths = [], []
+    for per_slope in (1, 3, 7, 15):
+        plan = plan_isovalues(tf, volume.value_range, per_slope=per_slope, lit=True)
+        with ABuffer(gl, Scene.build(extract_surfaces(volume, plan.isovalues), plan)) as abuffer:
+            rgba, _ = abuffer.render(camera, (48, 48), RenderSettings(material=material))
+        difference = (rgba[..., 0] / extinction - shown)[judged]
+        widths.append(float(np.diff(plan.isovalues).max()))
+        errors.append(float(np.sqrt(np.mean(difference**2))))
+        assert errors[-1] < widths[-1] / 5.0  # light of the ends alone: about half of d
+    order = np.log(errors[-2] / errors[-1]) / np.log(widths[-2] / widths[-1])
+    assert order >= 1.3  # 2 in the limit; less while d is not small against b

@@ -137,6 +137,7 @@ def moment_cases() -> tuple[F32, ...]:
 
 
 def assert_moments(gl: moderngl.Context, root: Path | None = None) -> None:
+    """Of whole integrals, and with them of `segment_panel`, whose nodes nothing else shows."""
     cases = moment_cases()
     low, high, front, back, a, b, start, end = cases
     signature = "vec4 cubic_moments(vec2 depths, float front, float back, vec2 slopes, vec2 part)"
@@ -193,8 +194,8 @@ def test_panels_end_where_the_twin_s_end(gl: moderngl.Context) -> None:
         ("limiter", "3.0 / max(length(size), 3.0)", "2.9 / max(length(size), 3.0)"),
         ("depth", "back - slopes.y / 3.0", "back + slopes.y / 3.0"),
         ("moments", "-0.035976667524938911", "0.035976667524938911"),
-        ("moments", "dot(emitted, u * p)", "dot(emitted, u * u)"),
-        ("moments", "through *= 1.0 - opacity", "through *= 1.0 - 0.999 * opacity"),
+        ("moments", "panel.parts * panel.positions", "panel.parts * panel.parts"),
+        ("moments", "through *= 1.0 - panel.opacity", "through *= 1.0 - 0.999 * panel.opacity"),
     ],
 )
 def test_a_wrong_shader_is_found(

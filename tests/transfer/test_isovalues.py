@@ -51,6 +51,30 @@ def test_constant_plateaus_get_no_values_inside() -> None:
     assert len(plan_isovalues(recolored, (0, 7), per_slope=3).isovalues) == 2 + 3
 
 
+def test_for_light_constant_plateaus_are_divided_as_any_slope_as_far_as_they_are_visible() -> None:
+    tf = tf_of((-4, 0), (-2, 0), (0, 0), (1, 2), (5, 2), (6, 0), (8, 3), (20, 3))
+    unlit, lit = (plan_isovalues(tf, (-3, 12), per_slope=3, lit=light) for light in (False, True))
+    assert unlit.skipped["constant_slopes"] == 2
+    assert lit.skipped["constant_slopes"] == 0
+    added = sorted(set(lit.isovalues.tolist()) - set(unlit.isovalues.tolist()))
+    assert added == [2, 3, 4, 9, 10, 11]  # up to the range's end, and none where nothing is visible
+    assert set(unlit.isovalues.tolist()) <= set(lit.isovalues.tolist())
+    inside = (lit.band_values[:, 0] >= 1) & (lit.band_values[:, 1] <= 5)
+    np.testing.assert_array_equal(lit.band_extinction[inside], np.full((4, 2), 2.0))
+
+
+def test_a_plan_says_whether_light_would_need_more_isovalues() -> None:
+    plateau, tent = tf_of((0, 0), (1, 2), (5, 2)), tf_of((0, 0), (1, 2), (5, 0))
+    assert plan_isovalues(plateau, (0, 5)).lacks_light
+    assert not plan_isovalues(plateau, (0, 5), lit=True).lacks_light
+    assert not plan_isovalues(tent, (0, 5)).lacks_light
+    lit = plan_isovalues(plateau, (0, 5), lit=True)
+    assert IsovaluePlan.from_dict(json.loads(json.dumps(lit.to_dict()))).lit
+    older = lit.to_dict()
+    del older["lit"]  # as plans were kept before
+    assert not IsovaluePlan.from_dict(older).lit
+
+
 def test_values_between_are_spaced_over_the_part_of_the_slope_inside_the_range() -> None:
     plan = plan_isovalues(tf_of((0, 0), (8, 8), (9, 0)), (2, 6), per_slope=3)
     np.testing.assert_array_equal(plan.isovalues, [3, 4, 5])
