@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
-from isosample.files import replacing
+from isosample.files import replacing, write_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Image:
     def write(self, file: IO[bytes], suffix: str) -> None:
         """Write the picture into an open file, in the format of a suffix that `save` knows."""
         if suffix.lower() == ".npy":
-            np.save(file, self.rgba, allow_pickle=False)
+            write_array(file, self.rgba)
         else:
             import PIL.Image
 

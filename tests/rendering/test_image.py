@@ -9,6 +9,7 @@ import PIL.Image
 import pytest
 
 from isosample.errors import InputError
+from isosample.rendering import image
 from isosample.rendering.image import Image, srgb_from_linear
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     def full_disk(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "save", full_disk)
+    monkeypatch.setattr(image, "write_array", full_disk)
     with pytest.raises(InputError, match="No space left"):
         picture().save(path)
     assert path.read_bytes() == before
