@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from isosample.cli.sources import plan_for
 from isosample.errors import CacheError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from isosample.surfaces.cache import CachedScene, OpenedScene
@@ -68,10 +69,13 @@ def scene_from_cache(
             surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details))
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
-        value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
-        gradients = None if own is None else partial(mesh_gradients, own.surfaces)
-        plan = plan_for(tf, value_range, per_slope, gradients)
-        surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
+        with _incompleteness_told(folder):
+            value_range = (
+                own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
+            )
+            gradients = None if own is None else partial(mesh_gradients, own.surfaces)
+            plan = plan_for(tf, value_range, per_slope, gradients)
+            surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
     return PreparedScene(
         surfaces=surfaces,
         plan=plan,
@@ -80,6 +84,21 @@ def scene_from_cache(
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
     )
+
+
+@contextlib.contextmanager
+def _incompleteness_told(folder: Path) -> Iterator[None]:
+    """Tell of a folder without a scene that it was not finished, whatever it turns out to lack."""
+    from isosample.surfaces.cache_files import read_json, unfinished
+    from isosample.surfaces.cache_folders import has_scene
+
+    try:
+        yield
+    except CacheError as error:
+        if has_scene(folder) or not (folder / "volume.json").exists():
+            raise
+        read_json(folder / "volume.json", "cache")  # one that is damaged tells of itself
+        raise CacheError(unfinished(folder)) from error
 
 
 def _scene_of(folder: Path) -> CachedScene | OpenedScene:

@@ -336,7 +336,7 @@ PICTURES_OF_CACHES = {
     "a chunk that is incomplete": Wrong(
         "render meshes -o out.png", (".chunk is damaged", "isosample precompute"), cut("chunks/*/*")
     ),
-    "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "missing"), removed("scene.json")),
+    "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "not finished"), removed("scene.json")),
     "isovalues that are not there": Wrong(
         "render meshes --tf bad.json -o out.png", ("meshes", str(20 + 32.5 / 6)), tf_point(value=52.5)
     ),
