@@ -48,6 +48,7 @@ def add_parser(commands: Commands) -> None:
         help="cache folder, or folder of such folders "
         f"(default: ${arguments.CACHE_VARIABLE}, else {arguments.CACHE_FOLDER})",
     )
+    parser.late_list = "folders"
     parser.add_argument(
         "--budget",
         type=values.byte_count,

@@ -186,10 +186,34 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert [(row["cache"], row["pieces_missing"]) for row in found["incomplete"]] == [("meshes", 3)]
 
 
+@pytest.mark.usefixtures("cache")
+@pytest.mark.parametrize(
+    "words",
+    [
+        "cache prune --budget 1GiB --dry-run --json meshes",
+        "cache prune --dry-run meshes --json --budget 1GiB",
+        "cache --json prune meshes --budget 1GiB --dry-run",
+    ],
+)
+def test_folder_and_options_stand_in_any_order(run: Run, words: str) -> None:
+    expected = run("cache prune meshes --budget 1GiB --dry-run --json")
+    assert expected.status == 0
+    assert run(words) == expected
+    for action in ("ls", "verify"):
+        assert run(f"cache {action} --json meshes") == run(f"cache {action} meshes --json")
+
+
+def test_several_folders_may_stand_about_an_option(run: Run, cache: Path) -> None:
+    shutil.copytree(cache, cache.parent / "more")
+    found = json.loads(run("cache verify meshes --json more").out)["caches"]
+    assert found == ["meshes", "more"]
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
         ("cache", "ls|verify|prune"),
+        ("cache ls --jsno meshes", "unexpected argument '--jsno'; did you mean --json?"),
         ("cache rm", "'rm'"),
         ("cache prune meshes", "--budget"),
         ("cache prune meshes --budget lots", "'lots'"),
