@@ -13,11 +13,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from isosample.cli.scenes import PreparedScene
+    from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
+    from isosample.rendering.settings import RenderSettings
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
     from isosample.volume.reconstruction import Reconstruction
 
@@ -92,7 +95,6 @@ def summarise(
     if errors is not None:
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
-    say_if_empty(scene.plan, scene.transfer_function)
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
@@ -112,10 +114,16 @@ def _triangles(stats: dict[str, Any]) -> str:
     return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
 
 
-def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> None:
-    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume."""
+def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> bool:
+    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume.
+
+    Returns
+    -------
+    told : bool
+        Whether the transfer function shows nothing of the volume's range.
+    """
     if _shows_something(plan):
-        return
+        return False
     slopes = [slope for slope in transfer_function.slopes() if slope.visible]
     visible = [point.value for slope in slopes for point in (slope.low, slope.high)]
     visible += [one.value for one in transfer_function.isosurfaces]
@@ -125,20 +133,30 @@ def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> Non
         "nothing is visible: the transfer function has no extinction inside the volume's range, "
         f"{low:g} to {high:g}; {where}"
     )
+    return True
 
 
 def say_if_volume_is_empty(
     volume: Volume, transfer_function: TransferFunction, reconstruction: Reconstruction
-) -> None:
-    """Tell the same of pictures of a volume that are made without a plan."""
+) -> bool:
+    """Tell the same of pictures of a volume that are made without a plan; return whether that was so."""
     from isosample.rendering.quality import Quality, plan_for
     from isosample.transfer.isovalues import plan_isovalues
 
     of_samples = plan_isovalues(transfer_function, volume.value_range, per_slope=1)
     if reconstruction.interpolates and _shows_something(of_samples):
-        return  # what the samples reach, a field through them reaches too: no spline needs to be built
+        return False  # what the samples reach, a field through them reaches too: no spline needs to be built
     quality = Quality(per_slope=1, reconstruction=reconstruction)
-    say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+    return say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+
+
+def say_if_nothing_is_seen(image: Image, box: Box, camera: Camera, settings: RenderSettings) -> None:
+    """Tell why a picture is empty though the transfer function shows something."""
+    from isosample.rendering.emptiness import is_empty, why_empty
+
+    if is_empty(image, settings):
+        height, width = image.rgba.shape[:2]
+        say(why_empty(box, camera, (width, height), settings))
 
 
 def _shows_something(plan: IsovaluePlan) -> bool:
