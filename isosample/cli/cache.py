@@ -170,7 +170,7 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
 
 def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) -> int:
     """Remove what is too much, and write what it was."""
-    from isosample.surfaces.cache_folders import prune_folders
+    from isosample.surfaces.cache_folders import prune_folders, scene_lacks
     from isosample.surfaces.store import MeshStore
 
     removed = prune_folders(folders, budget, pretend=pretend)
@@ -187,6 +187,11 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
     for folder, count, size in removed:
         if count:
             say(f"{verb} {_meshes(count)} ({byte_size(size)}) of {folder}")
+            if not pretend and scene_lacks(folder):
+                say(
+                    f"{folder} is now incomplete: its scene cannot be rendered until `isosample precompute` with the "
+                    "same volume and --cache has extracted again what was removed"
+                )
     total, size = sum(entry.chunks for entry in removed), sum(entry.size_bytes for entry in removed)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0

@@ -168,10 +168,11 @@ def _summarise(image: Image, args: argparse.Namespace, duration: float, more: di
     fields = {
         "picture": f"{args.output} ({width} x {height} pixels), {args.method}, {stats['sampling']} sampling",
         "samples per ray": f"{samples['mean']:.1f} (at most {thousands(samples['max'])})",
-        "root evaluations per ray": f"{stats['root_evaluations_per_ray']:.1f}",
         "macrocells per ray": f"{macrocells['visited_per_ray']:.1f} visited, {macrocells['skipped_per_ray']:.1f} "
         f"skipped; {thousands(macrocells['occupied'])} of {thousands(macrocells['of'])} are occupied",
     }
+    if args.method == PEAK_FINDING:
+        fields["root evaluations per ray"] = f"{stats['root_evaluations_per_ray']:.1f}"
     say_fields(fields | more | {"seconds": seconds(duration)})
     hidden = stats["not_shown"].get("isosurfaces", 0)
     if hidden:

@@ -10,6 +10,7 @@ from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
 from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.errors import InputError
 from isosample.wording import thousands
 
 if TYPE_CHECKING:
@@ -25,11 +26,12 @@ def run_reference(
 ) -> int:
     """Integrate the volume itself."""
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
-    from isosample.rendering.reference_image import ReferenceRenderer, check_unlit
+    from isosample.rendering.reference_image import ReferenceRenderer
     from isosample.volume.reconstruction import Reconstruction
 
     check_volume_is_named(args)
-    check_unlit(settings)
+    if args.shading:
+        raise InputError("--method reference has no light; leave out --shading, or choose another method.")
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"

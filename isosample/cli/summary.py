@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.console import say, say_fields, seconds
-from isosample.defaults import AUTO_DISTANCE
+from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES
 from isosample.errors import UnrepairedError
 from isosample.wording import thousands
 
@@ -98,14 +98,27 @@ def summarise(
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
-            f"--refine auto ended at {stats['refine']}: the meshes are {distance:.2g} voxel (rms) from the "
-            f"isosurfaces, not within {AUTO_DISTANCE:g}"
+            f"--refine auto ended at {stats['refine']}, {_why_ended(stats['refine'])}: the meshes are "
+            f"{distance:.2g} voxel (rms) from the "
+            f"isosurfaces, not within {AUTO_DISTANCE:g}; isosample filter smooths what bends so much"
         )
     for name, meaning in FLAWS.items():
         if stats[name]:
             say(meaning.format(thousands(stats[name])))
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def _why_ended(refine: int) -> str:
+    """Return why an automatic refinement did not go on, with what helps."""
+    from isosample.surfaces.settings import REFINEMENTS
+
+    if refine == REFINEMENTS[-1]:
+        return "the finest that there is"
+    return (
+        f"as finer meshes might have more than {thousands(DEFAULT_MAX_TRIANGLES)} triangles (fewer isovalues, as by "
+        f"--per-slope, leave room for them, and --refine {2 * refine} makes them all the same)"
+    )
 
 
 def _triangles(stats: dict[str, Any]) -> str:

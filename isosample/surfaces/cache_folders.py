@@ -171,6 +171,23 @@ def verify_folder(folder: Path) -> FolderVerified:
     return FolderVerified((*damaged, *store.verify().damaged), len(listed), len(listed - there))
 
 
+def scene_lacks(folder: Path) -> int:
+    """Return how many pieces of a folder's scene, of all details, are not there; 0 without a scene.
+
+    Raises
+    ------
+    CacheError
+        If the scene, or a list of its chunks, is damaged.
+    """
+    from isosample.surfaces.cache import open_cache
+
+    if not has_scene(folder):
+        return 0
+    there = set(ChunkFolder(folder, read_only=True).keys())
+    tables = [one.chunk_table for one in open_cache(folder).surfaces.by_detail]
+    return len({key.decode() for table in tables for key in table["key"].tolist()} - there)
+
+
 def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]:
     """Return the lists of chunks that a scene names, of its surfaces and their details, and that are not there."""
     named = [(part, entry) for part in (scene, *scene.get("details", [])) for entry in part["surfaces"]]

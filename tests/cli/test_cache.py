@@ -152,7 +152,7 @@ def test_what_verify_names_precompute_puts_right(run: Run, cache: Path) -> None:
     outcome = run("precompute blob.npy --tf tf.json --cache meshes")
     assert outcome.status == 0
     assert (
-        f"warning: 1 damaged chunks of meshes were extracted again; the first: meshes/chunks/{first.stem[:2]}"
+        f"warning: 1 damaged chunk of meshes was extracted again; the first: meshes/chunks/{first.stem[:2]}"
         in (outcome.err)
     )
     assert content(cache) == whole
@@ -165,17 +165,18 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
         os.utime(path, (1e9 + number, 1e9 + number))
     sizes = [path.stat().st_size for path in there]
     budget = sum(sizes[3:])
-    assert (
-        run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run")
-        .fields()["would remove"]
-        .startswith("3 ")
-    )
+    pretended = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run")
+    assert pretended.fields()["would remove"].startswith("3 ")
+    assert "incomplete" not in pretended.out
     assert chunks(cache) == there
     foretold = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run --json")
     assert json.loads(foretold.out)["bytes_left"] == budget
     outcome = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB")
     assert outcome.status == 0
     assert outcome.fields()["removed"].startswith("3 meshes, ")
+    assert (
+        "meshes is now incomplete: its scene cannot be rendered until `isosample precompute`" in outcome.out
+    )
     assert chunks(cache) == there[3:]
     assert json.loads(run("cache prune meshes --budget 1GiB --json").out)["bytes_left"] == budget
     assert "is missing" in run("render meshes -o out.png --size 16x16").err
