@@ -83,8 +83,8 @@ def run(args: argparse.Namespace) -> int:
     if not len(mesh.triangles):
         low, high = surfaces.value_range
         raise InputError(
-            f"the isosurface at {args.isovalue:g} has no triangles, and nothing is written to {args.output}: the values "
-            f"of {args.source} go from {low:g} to {high:g}. Choose --isovalue between them."
+            f"the isosurface at {args.isovalue:g} has no triangles, and nothing is written to {args.output}: the "
+            f"values of {args.source} go from {low:g} to {high:g}. Choose --isovalue between them."
         )
     found = _simplified(mesh, surfaces, args) if asked else None
     mesh = mesh if found is None else found.mesh

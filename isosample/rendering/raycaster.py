@@ -32,7 +32,7 @@ from isosample.rendering.settings import RenderSettings, ResolveStage, check_siz
 from isosample.rendering.stage import resolve_stage
 from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
-from isosample.transfer.transfer_function import TransferFunction
+from isosample.transfer.transfer_function import TransferFunction, check_is_transfer_function
 from isosample.volume.macrocells import MacrocellGrid
 from isosample.volume.reconstruction import GridSpline
 
@@ -131,6 +131,8 @@ class RayCaster:
         macrocells: MacrocellGrid | None = None,
     ) -> None:
         started = time.perf_counter()
+        if transfer_function is not None:
+            check_is_transfer_function(transfer_function)
         self._settings = raycast or RaycastSettings()
         reconstruction = self._settings.reconstruction
         check_volume(volume, ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -173,3 +174,21 @@ class Volume:
     def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
         """Yield blocks of about `block_bytes` that hold every sample once, each part of a file being read once."""
         return blocks_of(self.array, block_bytes)
+
+
+def check_is_volume(volume: object) -> None:
+    """Raise `InputError` unless something is a `Volume`; an array or a path are told how to become one."""
+    if isinstance(volume, Volume):
+        return
+    if isinstance(volume, np.ndarray):
+        raise InputError(
+            f"volume is an array of shape {volume.shape}; expected a Volume. Pass "
+            "isosample.Volume(array), with its spacing."
+        )
+    if isinstance(volume, str | os.PathLike):
+        raise InputError(
+            f"volume is {os.fspath(volume)!r}; expected a Volume. Pass isosample.open_volume({os.fspath(volume)!r})."
+        )
+    raise InputError(
+        f"volume is {volume!r:.80}; expected a Volume. Pass isosample.Volume(array) or isosample.open_volume(path)."
+    )
