@@ -349,6 +349,20 @@ def test_a_picture_that_clip_planes_or_the_view_make_empty_says_which(
         assert f"2 of 2 frames, from frame 0 on: {why}" in outcome.out
 
 
+def test_a_mask_is_rendered_like_its_0_and_1(run: Run) -> None:
+    mask = blob() > 40
+    write_json(
+        Path("mask.json"), {"points": [{"value": v, "color": [1, 0, 0], "extinction": 3 * v} for v in (0, 1)]}
+    )
+    pictures = []
+    for name, samples in (("mask.npy", mask), ("ones.npy", mask.astype(np.uint8))):
+        np.save(name, samples)
+        assert run(f"render {name} --tf mask.json --size 24x16 -o out.npy").status == 0
+        pictures.append(pixels())
+    assert pictures[0][..., 3].max() > 0.5
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+
+
 def test_what_only_a_spline_reaches_is_not_called_nothing(run: Run) -> None:
     """The cubic of samples 0, 1, 1, 0 rises to 9/8 between them, which is above all samples."""
     samples = np.zeros((4, 4, 4), dtype=np.float32)
