@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 COLUMN_GAP = "  "
-MOMENT = 5.0  # s; of shorter work a log says nothing
+MOMENT = 10.0  # s; of shorter work a log says nothing
 
 
 def say(line: str = "") -> None:

@@ -28,6 +28,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
     monkeypatch.setattr(console, "time", found)
+    monkeypatch.setattr(console, "MOMENT", 5.0)
     return found
 
 
