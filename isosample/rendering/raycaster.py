@@ -131,8 +131,6 @@ class RayCaster:
         macrocells: MacrocellGrid | None = None,
     ) -> None:
         started = time.perf_counter()
-        if transfer_function is not None:
-            check_is_transfer_function(transfer_function)
         self._settings = raycast or RaycastSettings()
         reconstruction = self._settings.reconstruction
         check_volume(volume, ExtractionSettings(nan_masked=nan_masked, reconstruction=reconstruction))
@@ -285,6 +283,7 @@ class RayCaster:
         return buffer
 
     def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
+        check_is_transfer_function(transfer_function)
         voxel = min(self._geometry.spacing)
         return DeviceTransfer(
             self._ctx, transfer_function, self._scale, self._settings, self._settings.step * voxel

@@ -54,6 +54,14 @@ def test_what_is_no_volume_is_told_how_to_become_one(take: Callable[[Any, Any], 
         take(None, TF)
 
 
+def test_another_transfer_function_of_a_ray_caster_is_checked_too() -> None:
+    with (
+        isosample.RayCaster(VOLUME, TF) as caster,
+        pytest.raises(InputError, match=r"TransferFunction\.load"),
+    ):
+        caster.set_transfer_function("bone.json")  # type: ignore[arg-type]
+
+
 def test_the_parts_of_the_pipeline_tell_the_same() -> None:
     with pytest.raises(InputError, match=r"isosample\.Volume\(array\)"):
         isosample.render(ARRAY)  # type: ignore[arg-type]  # the transfer function is suggested
