@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
+
     from isosample.errors import IsosampleError
 
 
@@ -55,3 +58,12 @@ def replacing(
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def write_array(file: IO[bytes], array: npt.NDArray[np.generic]) -> None:
+    """Write an array as a numpy file; unlike `numpy.save`, whose `OSError` on a full disk lacks the system's reason."""
+    import numpy as np
+
+    whole = np.ascontiguousarray(array)
+    np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(whole))
+    file.write(whole.reshape(-1).view(np.uint8).data)

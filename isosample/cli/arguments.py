@@ -83,7 +83,7 @@ def add_plan_options(
         "--tf",
         type=Path,
         metavar="FILE",
-        help=f"transfer function, JSON of isosample, 3D Slicer or ParaView (default: {without})",
+        help=f"transfer function, JSON of isosample, 3D Slicer (.vp.json) or ParaView (default: {without})",
     )
     parser.add_argument(
         "--per-slope",

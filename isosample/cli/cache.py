@@ -24,7 +24,7 @@ isosample cache verify meshes_cache/head-1f3a9c07
 isosample cache prune --budget 2GiB"""
 ACTIONS = {
     "ls": "list the caches with their sizes",
-    "verify": "decode every file, and name what is damaged (exit status 1) or was evicted",
+    "verify": "decode every file, and name what is damaged (exit status 1), was evicted or is not finished",
     "prune": "remove the meshes that were used longest ago, down to --budget",
 }
 
@@ -48,6 +48,7 @@ def add_parser(commands: Commands) -> None:
         help="cache folder, or folder of such folders "
         f"(default: ${arguments.CACHE_VARIABLE}, else {arguments.CACHE_FOLDER})",
     )
+    parser.late_list = "folders"
     parser.add_argument(
         "--budget",
         type=values.byte_count,
@@ -82,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _list(folders: list[Path], *, as_json: bool) -> int:
     """Write one row per folder."""
+    from isosample.surfaces.cache_files import unfinished
     from isosample.surfaces.cache_folders import summarise
 
     found = [summarise(folder) for folder in folders]
@@ -92,23 +94,26 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
         ]
         say_json({"caches": rows, "size_bytes": sum(entry.size_bytes for entry in found)})
         return 0
-    heads = ("cache", "volume", "samples", "isosurfaces", "meshes", "size", "used")
+    heads = ("cache", "volume", "samples", "isosurfaces", "details", "meshes", "size", "used")
     table = [
         [
             str(entry.folder),
             entry.name or "?",
             "x".join(str(count) for count in entry.size_xyz),
-            thousands(entry.surfaces),
+            thousands(entry.isovalues) if entry.finished else "unfinished",
+            str(entry.details),
             thousands(entry.chunks),
             byte_size(entry.size_bytes),
             _ago(entry.used),
         ]
         for entry in found
     ]
-    say_table(heads, table, numeric=(3, 4, 5))
+    say_table(heads, table, numeric=(3, 4, 5, 6))
     for entry in found:
         if entry.problem:
             say(f"cannot be used: {entry.problem}")
+        elif not entry.finished:
+            say(f"incomplete: {unfinished(entry.folder)}")
     say(f"{counted(len(found), 'cache')}, {byte_size(sum(entry.size_bytes for entry in found))}")
     return 0
 
@@ -116,8 +121,10 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
 def _verify(folders: list[Path], *, as_json: bool) -> int:
     """Write what is damaged and what is missing; return 1 where anything is damaged."""
     from isosample.cli import EXIT_FAILED
-    from isosample.surfaces.cache_folders import verify_folder
+    from isosample.surfaces.cache_files import unfinished
+    from isosample.surfaces.cache_folders import has_scene, verify_folder
 
+    without_scene = [folder for folder in folders if not has_scene(folder)]
     start = time.perf_counter()
     verified = {folder: verify_folder(folder) for folder in folders}
     damaged = [(folder, chunk) for folder, found in verified.items() for chunk in found.damaged]
@@ -131,16 +138,26 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
             {"cache": str(folder), "pieces": found.pieces, "pieces_missing": found.pieces_missing}
             for folder, found in incomplete.items()
         ]
-        say_json({"caches": [str(folder) for folder in folders], "damaged": rows, "incomplete": missing})
+        say_json(
+            {
+                "caches": [str(folder) for folder in folders],
+                "damaged": rows,
+                "incomplete": missing,
+                "unfinished": [str(folder) for folder in without_scene],
+            }
+        )
         return EXIT_FAILED if damaged else 0
     for _, chunk in damaged:
         say(f"damaged: {chunk.path}: {chunk.reason}")
     for folder, found in incomplete.items():
         lost = f"{thousands(found.pieces_missing)} of {counted(found.pieces, 'piece')}"
         say(f"incomplete: {folder}: {lost} were evicted; run precompute again")
+    for folder in without_scene:
+        say(f"incomplete: {unfinished(folder)}")
     summary = {
         "caches": str(len(folders)),
         "damaged files": thousands(len(damaged)),
+        "incomplete": thousands(len({*incomplete, *without_scene})),
         "seconds": seconds(time.perf_counter() - start),
     }
     if damaged:
@@ -153,7 +170,7 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
 
 def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) -> int:
     """Remove what is too much, and write what it was."""
-    from isosample.surfaces.cache_folders import prune_folders
+    from isosample.surfaces.cache_folders import prune_folders, scene_lacks
     from isosample.surfaces.store import MeshStore
 
     removed = prune_folders(folders, budget, pretend=pretend)
@@ -170,6 +187,11 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
     for folder, count, size in removed:
         if count:
             say(f"{verb} {_meshes(count)} ({byte_size(size)}) of {folder}")
+            if not pretend and scene_lacks(folder):
+                say(
+                    f"{folder} is now incomplete: its scene cannot be rendered until `isosample precompute` with the "
+                    "same volume and --cache has extracted again what was removed"
+                )
     total, size = sum(entry.chunks for entry in removed), sum(entry.size_bytes for entry in removed)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0

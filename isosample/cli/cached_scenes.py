@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from isosample.cli.sources import plan_for
 from isosample.errors import CacheError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from isosample.surfaces.cache import CachedScene, OpenedScene
@@ -71,13 +72,16 @@ def scene_from_cache(
             surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details))
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
-        value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
-        shares = None if own is None else own.plan.shares
-        gradients = None if own is None else partial(mesh_gradients, own.surfaces)
-        plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
-        if lit and not lists_surfaces(folder, plan.isovalues, settings):
-            plan = plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
-        surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
+        with _incompleteness_told(folder):
+            value_range = (
+                own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
+            )
+            shares = None if own is None else own.plan.shares
+            gradients = None if own is None else partial(mesh_gradients, own.surfaces)
+            plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
+            if lit and not lists_surfaces(folder, plan.isovalues, settings):
+                plan = plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
+            surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
     if lit and plan.lacks_light:
         note(
             f"{folder} was made for pictures without light: it has no isovalues inside slopes of constant extinction "
@@ -92,6 +96,21 @@ def scene_from_cache(
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
     )
+
+
+@contextlib.contextmanager
+def _incompleteness_told(folder: Path) -> Iterator[None]:
+    """Tell of a folder without a scene that it was not finished, whatever it turns out to lack."""
+    from isosample.surfaces.cache_files import read_json, unfinished
+    from isosample.surfaces.cache_folders import has_scene
+
+    try:
+        yield
+    except CacheError as error:
+        if has_scene(folder) or not (folder / "volume.json").exists():
+            raise
+        read_json(folder / "volume.json", "cache")  # one that is damaged tells of itself
+        raise CacheError(unfinished(folder)) from error
 
 
 def _scene_of(folder: Path) -> CachedScene | OpenedScene:

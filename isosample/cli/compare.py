@@ -63,7 +63,8 @@ def add_parser(commands: Commands) -> None:
         "--tf",
         type=Path,
         metavar="FILE",
-        help="transfer function, JSON of isosample, 3D Slicer or ParaView (default: one suggested from the histogram)",
+        help="transfer function, JSON of isosample, 3D Slicer (.vp.json) or ParaView (default: one suggested from the "
+        "histogram)",
     )
     parser.add_argument(
         "--quick",

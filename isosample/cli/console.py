@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     Progress = Callable[[str, int, int], None]
 
 COLUMN_GAP = "  "
+MOMENT = 10.0  # s; of shorter work a log says nothing
 
 
 def say(line: str = "") -> None:
@@ -91,9 +94,9 @@ def _draw_table(
 
 @contextlib.contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """Give a callable (stage, done, total) that draws one bar per stage; silent where nobody watches."""
+    """Give a callable (stage, done, total) that draws one bar per stage, or writes lines where there is no terminal."""
     if not sys.stderr.isatty():
-        yield lambda _stage, _done, _total: None
+        yield ProgressLines()
         return
     from rich.console import Console
     from rich.progress import Progress as Bars
@@ -108,6 +111,29 @@ def progress_bars() -> Iterator[Progress]:
             bars.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+class ProgressLines:
+    """Progress for a log: a line per tenth of a stage, on standard error, of stages that take longer than a moment."""
+
+    def __init__(self) -> None:
+        self._told = time.monotonic()  # when something was last reported: no stage began before
+        self._began: dict[str, float] = {}
+        self._share: dict[str, float] = {}
+        self._tenth: dict[str, int] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Take what is done of a stage; one that falls back has begun anew."""
+        now = time.monotonic()
+        share = done / total if total > 0 else 0.0
+        if share < self._share.get(stage, math.inf):
+            self._began[stage], self._tenth[stage] = self._told, 0
+        self._share[stage], self._told = share, now
+        tenth, spent = math.floor(10.0 * share), now - self._began[stage]
+        if tenth > self._tenth[stage] and spent >= MOMENT:
+            self._tenth[stage] = tenth
+            sys.stderr.write(f"isosample: {stage}: {10 * tenth} % after {seconds(spent)}\n")
+            sys.stderr.flush()
 
 
 def seconds(duration: float) -> str:

@@ -11,7 +11,13 @@ from isosample.cli.cameras import orbit
 from isosample.cli.console import note, progress_bars
 from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
-from isosample.cli.summary import check_strict, say_if_empty, scene_fields, summarise
+from isosample.cli.summary import (
+    check_strict,
+    say_if_empty,
+    say_if_nothing_is_seen,
+    scene_fields,
+    summarise,
+)
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.errors import InputError
 
@@ -77,6 +83,8 @@ def run_data_centric(
     if args.stats:
         write_json(args.stats, statistics(image, scene, args, percentiles))
     summarise(image, scene, args.output, log.elapsed, percentiles)
+    if not say_if_empty(scene.plan, scene.transfer_function):
+        say_if_nothing_is_seen(image, scene.surfaces.geometry.box, place["camera"], place["settings"])
     return 0
 
 
@@ -92,17 +100,19 @@ def _film(
     with renderer(scene) as picture:
         with progress_bars() as progress:
             settings = _within_tolerance(args, scene, picture, spread(cameras), settings, progress)
-        run_turntable(
+        empty = run_turntable(
             args,
             cameras,
             lambda one, progress: picture.render(
                 camera=one, size=args.size, settings=settings, progress=progress
             ),
             log,
+            settings=settings,
             more=scene_statistics(scene, args),
             fields=scene_fields(scene, settings.screen_error),
         )
-    say_if_empty(scene.plan, scene.transfer_function)
+    if not say_if_empty(scene.plan, scene.transfer_function):
+        empty.say_why(scene.surfaces.geometry.box)
     return 0
 
 

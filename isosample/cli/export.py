@@ -11,6 +11,7 @@ from isosample.cli.console import progress_bars, say_fields, say_json
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
 from isosample.defaults import MESH_SUFFIXES
+from isosample.errors import InputError
 from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
@@ -79,7 +80,13 @@ def run(args: argparse.Namespace) -> int:
         check_available()  # told before the long work
     surfaces = _surface(args)
     mesh = surfaces.mesh(0)
-    found = _simplified(mesh, surfaces, args) if asked and len(mesh.triangles) else None
+    if not len(mesh.triangles):
+        low, high = surfaces.value_range
+        raise InputError(
+            f"the isosurface at {args.isovalue:g} has no triangles, and nothing is written to {args.output}: the "
+            f"values of {args.source} go from {low:g} to {high:g}. Choose --isovalue between them."
+        )
+    found = _simplified(mesh, surfaces, args) if asked else None
     mesh = mesh if found is None else found.mesh
     export_mesh(mesh, args.output)
     report: dict[str, Any] = {

@@ -80,18 +80,18 @@ def run(args: argparse.Namespace) -> int:
         given.save(args.suggest)
     description = describe(volume)
     transfer_function, plan = _plan(args, volume, given)
-    if args.json:
-        say_json(description | ({"plan": plan.to_dict()} if plan is not None and args.plan else {}))
-    else:
-        _say(volume, description)
-        if plan is not None and args.plan:
-            from isosample.cli.plan_table import say_plan
-
-            say_plan(plan)
     if args.histogram is not None:
         from isosample.transfer.plot import plot_histogram
 
         plot_histogram(volume, transfer_function, path=args.histogram, plan=plan)
+    if args.json:
+        say_json(description | ({"plan": plan.to_dict()} if plan is not None and args.plan else {}))
+    else:
+        _say(volume, description, _written(args))
+        if plan is not None and args.plan:
+            from isosample.cli.plan_table import say_plan
+
+            say_plan(plan)
     return 0
 
 
@@ -153,7 +153,13 @@ def _plan(
     return tf, plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading, shares=shares)
 
 
-def _say(volume: Volume, description: dict[str, Any]) -> None:
+def _written(args: argparse.Namespace) -> dict[str, str]:
+    """Rows about the files that are written."""
+    made = {"suggested transfer function": args.suggest, "plot of the histogram": args.histogram}
+    return {name: str(path) for name, path in made.items() if path is not None}
+
+
+def _say(volume: Volume, description: dict[str, Any], written: dict[str, str]) -> None:
     corners = volume.box.corners()
     value_range = description["value_range"]
     fields = {
@@ -167,7 +173,7 @@ def _say(volume: Volume, description: dict[str, Any]) -> None:
         "values": f"{value_range[0]:.9g} to {value_range[1]:.9g}" if value_range else "none is finite",
         "NaN, infinite": f"{thousands(description['nan_count'])}, {thousands(description['infinity_count'])}",
     }
-    say_fields(fields)
+    say_fields(fields | written)
     if description["histogram"]:
         _say_histogram(**description["histogram"])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from isosample.errors import InputError
@@ -19,7 +20,16 @@ NEGATIVE_VALUE = re.compile(r"-[0-9.]")
 
 
 class CommandParser(argparse.ArgumentParser):
-    """An argument parser that raises `InputError`, keeps the epilog's lines and takes no abbreviations."""
+    """An argument parser that raises `InputError`, keeps the epilog's lines and takes no abbreviations.
+
+    Attributes
+    ----------
+    late_list : str
+        Positional list of paths, whose words may stand behind options too, though `argparse` ends such a list at the
+        first option; empty for none.
+    """
+
+    late_list = ""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
@@ -69,8 +79,11 @@ def add_command(
 def parse_arguments(parser: CommandParser, arguments: Sequence[str]) -> argparse.Namespace:
     """Parse all arguments; an unknown one is named together with the option that was probably meant."""
     options, unknown = parser.parse_known_args(arguments)
+    command: CommandParser = options.parser
+    if command.late_list and not any(word.startswith("-") for word in unknown):
+        setattr(options, command.late_list, [*getattr(options, command.late_list), *map(Path, unknown)])
+        unknown = []
     if unknown:
-        command: CommandParser = options.parser
         written = unknown[0].partition("=")[0]
         near = difflib.get_close_matches(written, command.option_names(), n=1)
         meant = f"; did you mean {near[0]}?" if near and written.startswith("-") else ""

@@ -15,7 +15,7 @@ from isosample.cli.methods import (
     choice_statistics,
 )
 from isosample.cli.outputs import check_driver, write_json
-from isosample.cli.summary import say_if_volume_is_empty
+from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.defaults import PEAK_FINDING
 from isosample.wording import thousands
@@ -63,27 +63,29 @@ def run_raycast(
     prepared = partial(RayCaster, volume, tf, raycast=raycast, nan_masked=masked, macrocells=macrocells)
     if args.turntable is not None:
         with prepared() as caster:
-            run_turntable(
+            empty = run_turntable(
                 args,
                 cameras_of(args, camera, volume.box),
                 lambda one, progress: caster.render(
                     camera=one, size=args.size, settings=settings, progress=progress
                 ),
                 log,
+                settings=settings,
                 more=more,
                 fields=fields,
             )
-        say_if_volume_is_empty(volume, tf, raycast.reconstruction)
+        if not say_if_volume_is_empty(volume, tf, raycast.reconstruction):
+            empty.say_why(volume.box)
         return 0
+    camera = camera or orbit(args, volume.box)
     with progress_bars() as progress, prepared() as caster:
-        image = caster.render(
-            camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
-        )
+        image = caster.render(camera=camera, size=args.size, settings=settings, progress=progress)
     image.save(args.output)
     if args.stats:
         write_json(args.stats, image.stats | more)
     _summarise(image, args, log.elapsed, fields)
-    say_if_volume_is_empty(volume, tf, raycast.reconstruction)
+    if not say_if_volume_is_empty(volume, tf, raycast.reconstruction):
+        say_if_nothing_is_seen(image, volume.box, camera, settings)
     return 0
 
 
@@ -166,10 +168,11 @@ def _summarise(image: Image, args: argparse.Namespace, duration: float, more: di
     fields = {
         "picture": f"{args.output} ({width} x {height} pixels), {args.method}, {stats['sampling']} sampling",
         "samples per ray": f"{samples['mean']:.1f} (at most {thousands(samples['max'])})",
-        "root evaluations per ray": f"{stats['root_evaluations_per_ray']:.1f}",
         "macrocells per ray": f"{macrocells['visited_per_ray']:.1f} visited, {macrocells['skipped_per_ray']:.1f} "
         f"skipped; {thousands(macrocells['occupied'])} of {thousands(macrocells['of'])} are occupied",
     }
+    if args.method == PEAK_FINDING:
+        fields["root evaluations per ray"] = f"{stats['root_evaluations_per_ray']:.1f}"
     say_fields(fields | more | {"seconds": seconds(duration)})
     hidden = stats["not_shown"].get("isosurfaces", 0)
     if hidden:

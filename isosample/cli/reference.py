@@ -8,8 +8,9 @@ from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
-from isosample.cli.summary import say_if_volume_is_empty
+from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
+from isosample.errors import InputError
 from isosample.wording import thousands
 
 if TYPE_CHECKING:
@@ -25,11 +26,12 @@ def run_reference(
 ) -> int:
     """Integrate the volume itself."""
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
-    from isosample.rendering.reference_image import ReferenceRenderer, check_unlit
+    from isosample.rendering.reference_image import ReferenceRenderer
     from isosample.volume.reconstruction import Reconstruction
 
     check_volume_is_named(args)
-    check_unlit(settings)
+    if args.shading:
+        raise InputError("--method reference has no light; leave out --shading, or choose another method.")
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"
@@ -37,22 +39,23 @@ def run_reference(
     reconstruction = Reconstruction(args.reconstruction or "trilinear")
     renderer = ReferenceRenderer(volume, tf, reconstruction=reconstruction, nan_masked=masked)
     if args.turntable is not None:
-        run_turntable(
+        empty = run_turntable(
             args,
             cameras_of(args, camera, volume.box),
             lambda one, progress: renderer.render(
                 camera=one, size=args.size, settings=settings, progress=progress
             ),
             log,
+            settings=settings,
             more={"source": str(args.source), "transfer_function": origin},
             fields={},
         )
-        say_if_volume_is_empty(volume, tf, reconstruction)
+        if not say_if_volume_is_empty(volume, tf, reconstruction):
+            empty.say_why(volume.box)
         return 0
+    camera = camera or orbit(args, volume.box)
     with progress_bars() as progress:
-        image = renderer.render(
-            camera=camera or orbit(args, volume.box), size=args.size, settings=settings, progress=progress
-        )
+        image = renderer.render(camera=camera, size=args.size, settings=settings, progress=progress)
     image.save(args.output)
     if args.stats:
         write_json(args.stats, image.stats | {"source": str(args.source), "transfer_function": origin})
@@ -64,5 +67,6 @@ def run_reference(
             "seconds": seconds(log.elapsed),
         }
     )
-    say_if_volume_is_empty(volume, tf, reconstruction)
+    if not say_if_volume_is_empty(volume, tf, reconstruction):
+        say_if_nothing_is_seen(image, volume.box, camera, settings)
     return 0

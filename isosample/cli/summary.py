@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.console import say, say_fields, seconds
-from isosample.defaults import AUTO_DISTANCE
+from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES
 from isosample.errors import UnrepairedError
 from isosample.wording import thousands
 
@@ -13,11 +13,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from isosample.cli.scenes import PreparedScene
+    from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
+    from isosample.rendering.settings import RenderSettings
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
     from isosample.volume.reconstruction import Reconstruction
 
@@ -92,12 +95,12 @@ def summarise(
     if errors is not None:
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
-    say_if_empty(scene.plan, scene.transfer_function)
     distance = scene.mesh_distance
     if distance is not None and distance > AUTO_DISTANCE:
         say(
-            f"--refine auto ended at {stats['refine']}: the meshes are {distance:.2g} voxel (rms) from the "
-            f"isosurfaces, not within {AUTO_DISTANCE:g}"
+            f"--refine auto ended at {stats['refine']}, {_why_ended(stats['refine'])}: the meshes are "
+            f"{distance:.2g} voxel (rms) from the "
+            f"isosurfaces, not within {AUTO_DISTANCE:g}; isosample filter smooths what bends so much"
         )
     for name, meaning in FLAWS.items():
         if stats[name]:
@@ -106,16 +109,34 @@ def summarise(
         say_tolerance(errors, scene.plan)
 
 
+def _why_ended(refine: int) -> str:
+    """Return why an automatic refinement did not go on, with what helps."""
+    from isosample.surfaces.settings import REFINEMENTS
+
+    if refine == REFINEMENTS[-1]:
+        return "the finest that there is"
+    return (
+        f"as finer meshes might have more than {thousands(DEFAULT_MAX_TRIANGLES)} triangles (fewer isovalues, as by "
+        f"--per-slope, leave room for them, and --refine {2 * refine} makes them all the same)"
+    )
+
+
 def _triangles(stats: dict[str, Any]) -> str:
     coarser, pieces = stats["skipped"]["chunks_coarser"], stats["skipped"]["chunks_of"]
     drawn = thousands(stats["triangles"]["drawn"])
     return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
 
 
-def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> None:
-    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume."""
+def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> bool:
+    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume.
+
+    Returns
+    -------
+    told : bool
+        Whether the transfer function shows nothing of the volume's range.
+    """
     if _shows_something(plan):
-        return
+        return False
     slopes = [slope for slope in transfer_function.slopes() if slope.visible]
     visible = [point.value for slope in slopes for point in (slope.low, slope.high)]
     visible += [one.value for one in transfer_function.isosurfaces]
@@ -125,20 +146,30 @@ def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> Non
         "nothing is visible: the transfer function has no extinction inside the volume's range, "
         f"{low:g} to {high:g}; {where}"
     )
+    return True
 
 
 def say_if_volume_is_empty(
     volume: Volume, transfer_function: TransferFunction, reconstruction: Reconstruction
-) -> None:
-    """Tell the same of pictures of a volume that are made without a plan."""
+) -> bool:
+    """Tell the same of pictures of a volume that are made without a plan; return whether that was so."""
     from isosample.rendering.quality import Quality, plan_for
     from isosample.transfer.isovalues import plan_isovalues
 
     of_samples = plan_isovalues(transfer_function, volume.value_range, per_slope=1)
     if reconstruction.interpolates and _shows_something(of_samples):
-        return  # what the samples reach, a field through them reaches too: no spline needs to be built
+        return False  # what the samples reach, a field through them reaches too: no spline needs to be built
     quality = Quality(per_slope=1, reconstruction=reconstruction)
-    say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+    return say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+
+
+def say_if_nothing_is_seen(image: Image, box: Box, camera: Camera, settings: RenderSettings) -> None:
+    """Tell why a picture is empty though the transfer function shows something."""
+    from isosample.rendering.emptiness import is_empty, why_empty
+
+    if is_empty(image, settings):
+        height, width = image.rgba.shape[:2]
+        say(why_empty(box, camera, (width, height), settings))
 
 
 def _shows_something(plan: IsovaluePlan) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.cameras import orbit
@@ -12,7 +13,7 @@ from isosample.cli.outputs import check_suffix, write_json
 from isosample.cli.summary import FLAWS, check_strict
 from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
 from isosample.errors import InputError
-from isosample.wording import thousands
+from isosample.wording import counted, thousands
 
 if TYPE_CHECKING:
     import argparse
@@ -22,10 +23,40 @@ if TYPE_CHECKING:
     from isosample.cli.console import Progress
     from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
+    from isosample.rendering.settings import RenderSettings
     from isosample.rendering.turntable import FrameLog
     from isosample.volume.geometry import Box
 
     Draw = Callable[[Camera, Progress], Image]
+
+
+@dataclass(frozen=True, slots=True)
+class EmptyFrames:
+    """The frames of a film that show nothing.
+
+    Attributes
+    ----------
+    cameras : list of Camera
+        Of all frames.
+    size : (width, height)
+    settings : RenderSettings
+    numbers : list of int
+        Of the empty ones.
+    """
+
+    cameras: list[Camera]
+    size: tuple[int, int]
+    settings: RenderSettings
+    numbers: list[int] = field(default_factory=list)
+
+    def say_why(self, box: Box) -> None:
+        """Tell why the first of them is empty."""
+        from isosample.rendering.emptiness import why_empty
+
+        if self.numbers:
+            first = self.numbers[0]
+            why = why_empty(box, self.cameras[first], self.size, self.settings)
+            say(f"{len(self.numbers)} of {counted(len(self.cameras), 'frame')}, from frame {first} on: {why}")
 
 
 def check_turntable(args: argparse.Namespace) -> None:
@@ -89,7 +120,8 @@ def run_turntable(
     *,
     more: Mapping[str, Any],
     fields: Mapping[str, str],
-) -> None:
+    settings: RenderSettings,
+) -> EmptyFrames:
     """Draw the frames, write the film, and sum up.
 
     Parameters
@@ -106,9 +138,17 @@ def run_turntable(
         For the statistics.
     fields : mapping of str to str
         For the summary.
+    settings : RenderSettings
+        Of all frames.
+
+    Returns
+    -------
+    empty : EmptyFrames
     """
+    from isosample.rendering.emptiness import is_empty
     from isosample.rendering.film import Film
 
+    empty = EmptyFrames(cameras, args.size, settings)
     images: list[dict[str, Any]] = []
     writing = 0.0
     with (
@@ -121,6 +161,8 @@ def run_turntable(
                 image = draw(camera, progress)
             if args.strict:
                 check_strict(image.stats)
+            if is_empty(image, settings):
+                empty.numbers.append(len(images))
             begun = time.perf_counter()
             film.add(image)
             writing += time.perf_counter() - begun
@@ -139,6 +181,7 @@ def run_turntable(
     stale = _numbered_besides(film.paths)
     if stale:
         say(f"{len(stale)} files of another film remain: {stale[0]} to {stale[-1].name}")
+    return empty
 
 
 def _numbered_besides(paths: list[Path]) -> list[Path]:

@@ -16,7 +16,7 @@ from isosample.compare.metrics import Pixels, summarise
 from isosample.compare.results import Entry, Results, View, median_of_told
 from isosample.compare.sweep import Sweep
 from isosample.compare.verdict import TARGETS
-from isosample.defaults import DEFAULT_REPEAT
+from isosample.defaults import DATA_CENTRIC, DEFAULT_REPEAT
 from isosample.errors import InputError
 from isosample.rendering.camera import Camera
 from isosample.rendering.reference_image import render_reference
@@ -153,7 +153,8 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
 def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
     """Let every compiler run once on a small ramp: machine code of the extraction, shaders of every method.
 
-    What drivers and numba keep of it no contender pays for.
+    Then the volume itself is extracted once, which is discarded: its pages, its type's machine code and what is
+    remembered of its samples no contender pays for, and the first setting is timed as the others are.
     """
     low, high = scene.volume.value_range
     if high <= low:
@@ -174,6 +175,10 @@ def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
             one.load([camera])
             one.frame(camera)
             one.release()
+    if DATA_CENTRIC in sweep.methods:
+        discarded = contender(scene, Setting(DATA_CENTRIC, Parameter.PER_SLOPE, 1))
+        discarded.prepare()
+        discarded.release()
 
 
 # -- parts of a run -------------------------------------------------------------------------------

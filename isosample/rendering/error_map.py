@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from isosample.defaults import IMAGE_SUFFIXES, SHOWN_QUANTILE
 from isosample.errors import InputError, MissingDependencyError
-from isosample.files import replacing
+from isosample.files import replacing, write_array
 from isosample.integral.list_errors import judge_lists
 from isosample.rendering.picture_lists import crossing_lists, least_sheet_slope, visible_parts
 
@@ -90,7 +90,7 @@ class ErrorMap:
             raise InputError(f"cannot write {path}: an error map is {' or '.join(IMAGE_SUFFIXES)}.")
         if path.suffix.lower() == ".npy":
             with replacing(path) as file:
-                np.save(file, self.array, allow_pickle=False)
+                write_array(file, self.array)
             return path
         figure = self._figure()
         with replacing(path) as file:

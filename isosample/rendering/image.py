@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -11,7 +12,7 @@ import numpy.typing as npt
 
 from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError
-from isosample.files import replacing
+from isosample.files import replacing, write_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,6 +29,20 @@ class Image:
 
     rgba: npt.NDArray[np.float32]
     stats: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """One line: size, method and seconds, as far as they are known."""
+        height, width = self.rgba.shape[:2]
+        known = [f"{width} x {height}", *([self.stats["method"]] if "method" in self.stats else [])]
+        if "seconds" in self.stats:
+            known.append(f"{sum(self.stats['seconds'].values()):.3g} s")
+        return f"Image({', '.join(known)})"
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture as a PNG file, which notebooks show."""
+        file = io.BytesIO()
+        self.write(file, ".png")
+        return file.getvalue()
 
     def srgb8(self) -> npt.NDArray[np.uint8]:
         """(H, W, 4) uint8: straight sRGB with linear alpha, as PNG stores it; colours above 1 saturate."""
@@ -63,7 +78,7 @@ class Image:
     def write(self, file: IO[bytes], suffix: str) -> None:
         """Write the picture into an open file, in the format of a suffix that `save` knows."""
         if suffix.lower() == ".npy":
-            np.save(file, self.rgba, allow_pickle=False)
+            write_array(file, self.rgba)
         else:
             import PIL.Image
 

@@ -25,6 +25,7 @@ from isosample.rendering.scene_load import LoadEstimator
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.isovalue_plan import Reason
+from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ def choose_method(
     unknown = sorted(set(among) - set(CHOSEN_FROM))
     if unknown or not among:
         raise InputError(f"methods {list(among)} must be some of {', '.join(CHOSEN_FROM)}.")
+    check_is_transfer_function(transfer_function)
     check_volume(volume, ExtractionSettings(nan_masked=True, reconstruction=quality.reconstruction))
     cameras = cameras or [Camera.default(volume.box, size)]
     smooth = quality.reconstruction.smooth

@@ -18,7 +18,8 @@ from isosample.rendering.quality import Quality
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.rendering.stage_progress import of_stage
-from isosample.transfer.transfer_function import TransferFunction
+from isosample.transfer.transfer_function import TransferFunction, check_is_transfer_function
+from isosample.volume.grid import check_is_volume
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
@@ -92,6 +93,9 @@ def render(
         If there is no usable OpenGL.
     """
     check_size(size)
+    check_is_volume(volume)
+    if transfer_function is not None:
+        check_is_transfer_function(transfer_function)
     shared_context()  # a missing driver is told before the long work
     if transfer_function is None:
         transfer_function = TransferFunction.suggest(volume)

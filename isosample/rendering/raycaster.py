@@ -32,7 +32,7 @@ from isosample.rendering.settings import RenderSettings, ResolveStage, check_siz
 from isosample.rendering.stage import resolve_stage
 from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
-from isosample.transfer.transfer_function import TransferFunction
+from isosample.transfer.transfer_function import TransferFunction, check_is_transfer_function
 from isosample.volume.macrocells import MacrocellGrid
 from isosample.volume.reconstruction import GridSpline
 
@@ -283,6 +283,7 @@ class RayCaster:
         return buffer
 
     def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
+        check_is_transfer_function(transfer_function)
         voxel = min(self._geometry.spacing)
         return DeviceTransfer(
             self._ctx, transfer_function, self._scale, self._settings, self._settings.step * voxel

@@ -15,6 +15,7 @@ from isosample.rendering.image import Image
 from isosample.rendering.settings import RenderSettings, check_size
 from isosample.rendering.stage_progress import of_stage
 from isosample.surfaces.extract import ExtractionSettings, check_volume
+from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ class ReferenceRenderer:
         tolerance: float = DEFAULT_TOLERANCE,
         nan_masked: bool = False,
     ) -> None:
+        check_is_transfer_function(transfer_function)
         check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
         self._box, self._reconstruction = volume.box, reconstruction
         started = time.perf_counter()

@@ -13,6 +13,8 @@ from isosample.rendering.planning_views import PlanningViews, orbit_views, reach
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.stage_progress import of_stage
+from isosample.transfer.transfer_function import check_is_transfer_function
+from isosample.volume.grid import check_is_volume
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,6 +92,8 @@ def step_for_tolerance(
     Methods of order 2: the next step aims for `AIM` of the tolerance by that. Other views are not proven to be within
     the tolerance, as with `plan_for_tolerance`.
     """
+    check_is_volume(volume)
+    check_is_transfer_function(transfer_function)
     own = replace(raycast or RaycastSettings(), sampling=Sampling.UNIFORM)
     tried = PlanningViews.trace(
         volume,

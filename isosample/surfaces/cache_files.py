@@ -21,7 +21,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 FORMAT_VERSION = 3  # 3: one chunk per isovalue and brick; 2: reconstruction, refinement, residuals
-REMEDY = "Delete the folder and run `isosample precompute` again."
+REMEDY = (
+    "Run `isosample precompute` again with the same --cache: only what is damaged or missing is made anew."
+)
+OWNER_REMEDY = (  # of volume.json, which says whose a folder is and is never written over
+    "Remove this one file and run `isosample precompute` again with the same volume and --cache; the meshes are kept."
+)
 
 # What reading a damaged archive raises; RuntimeError comes from flipped encryption and compression flags.
 _ARCHIVE_ERRORS = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -49,10 +54,10 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
         document = json.loads(path.read_bytes())
     except FileNotFoundError as error:
         raise CacheError(
-            f"{path} is missing; {path.parent} is not a complete mesh cache. {REMEDY}"
+            unfinished(path.parent) if kind == "scene" else f"{path} is missing. {REMEDY}"
         ) from error
     except (OSError, ValueError) as error:
-        raise CacheError(f"{path} cannot be read ({error}). {REMEDY}") from error
+        raise CacheError(f"{path} cannot be read ({error}). {_remedy(kind)}") from error
     if not isinstance(document, dict) or document.get("format") != f"isosample {kind}":
         raise CacheError(
             f"{path} is not an isosample {kind}. Name a folder that `isosample precompute` made."
@@ -60,8 +65,21 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     _check_version(path, document)
     digest = document.pop("sha256", None)
     if digest != _json_digest(document):
-        raise CacheError(f"{path} is damaged: its content does not match its digest. {REMEDY}")
+        raise CacheError(f"{path} is damaged: its content does not match its digest. {_remedy(kind)}")
     return document
+
+
+def unfinished(folder: Path) -> str:
+    """Return what there is to say of a folder without a scene."""
+    return (
+        f"{folder} was not finished: it has no scene.json yet. Run `isosample precompute` with the same volume and "
+        "--cache: what was extracted is kept, and it goes on from there."
+    )
+
+
+def _remedy(kind: str) -> str:
+    """Return what helps where a document is damaged."""
+    return OWNER_REMEDY if kind == "cache" else REMEDY
 
 
 def write_arrays(path: Path, header: Mapping[str, Any], arrays: Arrays) -> str:

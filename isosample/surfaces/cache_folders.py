@@ -25,12 +25,16 @@ class FolderSummary(NamedTuple):
         Of the volume; empty where volume.json cannot be used.
     size_xyz : 3 ints
         Samples of the volume.
+    isovalues, details : int
+        Isosurfaces of the scene, and the coarser details of each.
     surfaces, chunks : int
-        Isosurfaces that are listed, and chunks.
+        Lists of chunks, one per isosurface and detail, of this scene and others; and chunks.
     size_bytes : int
         Of all files.
     used : float
         When a chunk was last used [s since 1970]; 0 where there is none.
+    finished : bool
+        Whether there is a scene: without one, `isosample precompute` was interrupted and will go on.
     problem : str
         Why the folder cannot be used; empty where it can.
     """
@@ -38,10 +42,13 @@ class FolderSummary(NamedTuple):
     folder: Path
     name: str
     size_xyz: tuple[int, ...]
+    isovalues: int
+    details: int
     surfaces: int
     chunks: int
     size_bytes: int
     used: float
+    finished: bool
     problem: str
 
 
@@ -95,9 +102,13 @@ def summarise(folder: Path) -> FolderSummary:
     """Look through a cache folder; nothing is decoded."""
     name, problem = "", ""
     size_xyz: tuple[int, ...] = ()
+    scene: dict[str, Any] = {"surfaces": []}
+    finished = has_scene(folder)
     try:
         volume = read_json(folder / "volume.json", "cache")
         name, size_xyz = volume["name"], tuple(volume["geometry"]["size_xyz"])
+        if finished:
+            scene = read_json(folder / "scene.json", "scene")
     except CacheError as error:
         problem = str(error)
     chunks = ChunkFolder(folder, read_only=True).chunks()
@@ -105,12 +116,20 @@ def summarise(folder: Path) -> FolderSummary:
         folder=folder,
         name=name,
         size_xyz=size_xyz,
+        isovalues=len(scene["surfaces"]),
+        details=len(scene.get("details", [])),
         surfaces=len(list(folder.glob("surfaces/*.npz"))),
         chunks=len(chunks),
         size_bytes=folder_bytes(folder),
         used=chunks[-1].used if chunks else 0.0,
+        finished=finished,
         problem=problem,
     )
+
+
+def has_scene(folder: Path) -> bool:
+    """Tell whether a cache folder holds a scene, damaged or not; an interrupted `isosample precompute` leaves none."""
+    return (folder / "scene.json").exists()
 
 
 def folder_bytes(folder: Path) -> int:
@@ -150,6 +169,23 @@ def verify_folder(folder: Path) -> FolderVerified:
             listed.update(arrays["rows"].view(CHUNK_ROW)["key"].tolist())
     there = {key.encode() for key in store.keys()}  # noqa: SIM118  # a store is no mapping
     return FolderVerified((*damaged, *store.verify().damaged), len(listed), len(listed - there))
+
+
+def scene_lacks(folder: Path) -> int:
+    """Return how many pieces of a folder's scene, of all details, are not there; 0 without a scene.
+
+    Raises
+    ------
+    CacheError
+        If the scene, or a list of its chunks, is damaged.
+    """
+    from isosample.surfaces.cache import open_cache
+
+    if not has_scene(folder):
+        return 0
+    there = set(ChunkFolder(folder, read_only=True).keys())
+    tables = [one.chunk_table for one in open_cache(folder).surfaces.by_detail]
+    return len({key.decode() for table in tables for key in table["key"].tolist()} - there)
 
 
 def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]:

@@ -30,6 +30,7 @@ from isosample.tally import EXTRACTIONS, tally
 from isosample.volume.bricks import BRICK_CELLS
 from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import scan_volume
+from isosample.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -168,7 +169,8 @@ def _tell(store: MeshStore) -> None:
     """Warn once about damaged chunks, and once about a folder that takes nothing more."""
     if store.damaged:
         warnings.warn(
-            f"{store.damaged} damaged chunks of {store.folder} were extracted again; the first: {store.notes[0]}",
+            f"{counted(store.damaged, 'damaged chunk')} of {store.folder} {'was' if store.damaged == 1 else 'were'} "
+            f"extracted again; the first: {store.notes[0]}",
             UserWarning,
             stacklevel=3,
         )

@@ -21,6 +21,7 @@ from isosample.surfaces.surface_set import SurfaceSet as SurfaceSet
 from isosample.surfaces.surface_set import count_per_level
 from isosample.tally import EXTRACTIONS, tally
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of, finite_ranges
+from isosample.volume.grid import check_is_volume
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ def extract_surfaces(
         flatness=flatness,
     )
     levels = check_isovalues(isovalues)
+    check_is_volume(volume)
     tally(EXTRACTIONS)
     volume = volume.in_memory()
     bricks = bricks_of(volume.size_xyz, brick_cells)

@@ -11,6 +11,7 @@ from isosample.errors import InputError
 from isosample.surfaces.detail import MOST_DETAILS
 from isosample.surfaces.positions import LARGEST_BRICK_CELLS
 from isosample.volume.bricks import BRICK_CELLS
+from isosample.volume.grid import check_is_volume
 from isosample.volume.reconstruction import Reconstruction, check_smooth
 
 if TYPE_CHECKING:
@@ -144,7 +145,8 @@ def check_isovalues(isovalues: Sequence[float] | F64) -> F64:
 
 
 def check_volume(volume: Volume, settings: ExtractionSettings) -> None:
-    """Raise InputError if a volume has no cells, unexpected non-finite samples, or too wide a range."""
+    """Raise InputError if a volume is none, has no cells, unexpected non-finite samples, or too wide a range."""
+    check_is_volume(volume)
     if min(volume.size_xyz) < 2:
         raise InputError(
             f"{volume.name} has {volume.size_xyz} samples (x, y, z); "

@@ -13,7 +13,7 @@ from isosample.errors import InputError
 from isosample.transfer.isovalue_plan import CONSTANT_SLOPES, IsovaluePlan, PlanRow, Reason
 from isosample.transfer.sheets import SHEET_COUNT, split_sheets
 from isosample.transfer.slope_values import slope_values
-from isosample.transfer.transfer_function import SEPARATION_ULP
+from isosample.transfer.transfer_function import SEPARATION_ULP, check_is_transfer_function
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,6 +90,7 @@ def plan_isovalues(
     Isosurfaces are kept where low < v <= high: a maximum can fill a region whose border is a surface.
     Values closer than 4 units in the last place are one isovalue; the limits are those outside the cluster.
     """
+    check_is_transfer_function(transfer_function)
     low, high = _checked_range(value_range)
     if not _is_whole(per_slope) or not 0 <= per_slope <= MAX_PER_SLOPE:
         raise InputError(f"per_slope {per_slope!r} must be a whole number from 0 to {MAX_PER_SLOPE}.")

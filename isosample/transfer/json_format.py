@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from isosample.transfer.transfer_function import TransferFunction
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-TOP_KEYS = {"points", "isosurfaces", "unit_distance", "intervals"}
+TOP_KEYS = {"points", "isosurfaces", "unit_distance"}
 POINT_KEYS = {"value", "color", "extinction", "opacity"}
 ISOSURFACE_KEYS = {"value", "color", "opacity"}
 
@@ -42,19 +43,18 @@ def parse_transfer_function(document: object, source: str) -> TransferFunction:
     """
     with located(f"{source}: "):
         top = _object(document, "the file", TOP_KEYS, required=set())
-        if "intervals" in top:
-            raise InputError("intervals: interval volumes are not supported yet. Remove the key.")
         unit_distance = top.get("unit_distance")
         if unit_distance is not None:
             unit_distance = positive_number(unit_distance, "unit_distance")
         points = []
         for i, entry in enumerate(_list(top, "points")):
+            fields = _object(entry, f"points[{i}]", POINT_KEYS, required={"value", "color"})
             with located(f"points[{i}]."):
-                points.append(_point(entry, unit_distance))
+                points.append(_point(fields, unit_distance))
         isosurfaces = []
         for i, entry in enumerate(_list(top, "isosurfaces")):
+            fields = _object(entry, f"isosurfaces[{i}]", ISOSURFACE_KEYS, required=ISOSURFACE_KEYS)
             with located(f"isosurfaces[{i}]."):
-                fields = _object(entry, "entry", ISOSURFACE_KEYS, required=ISOSURFACE_KEYS)
                 isosurfaces.append(Isosurface(fields["value"], fields["color"], fields["opacity"]))
         return TransferFunction(points, isosurfaces)
 
@@ -74,10 +74,15 @@ def transfer_function_to_dict(transfer_function: TransferFunction) -> dict[str, 
 
 
 def load_transfer_function(path: str | Path) -> TransferFunction:
-    """Transfer function from a JSON file of this package, 3D Slicer or ParaView, told apart by content."""
+    """Transfer function from a JSON file of this package, 3D Slicer (.vp.json) or ParaView, told apart by content."""
     from isosample.transfer import importers
 
     source = Path(path).name
+    if source.lower().endswith(".vp"):
+        raise InputError(
+            f"{source} is a volume property of 3D Slicer in its older form, as plain text; only its JSON form is read. "
+            "Save it from 3D Slicer as .vp.json."
+        )
     document = read_json(path)
     if importers.is_slicer(document):
         return importers.from_slicer(document, source=source)
@@ -148,9 +153,8 @@ def positive_number(number: object, what: str) -> float:
     return result
 
 
-def _point(entry: object, unit_distance: float | None) -> ControlPoint:
+def _point(fields: Mapping[str, Any], unit_distance: float | None) -> ControlPoint:
     """Control point from one entry, with extinction given or made from opacity."""
-    fields = _object(entry, "entry", POINT_KEYS, required={"value", "color"})
     if ("opacity" in fields) == ("extinction" in fields):
         found = "both" if "opacity" in fields else "neither"
         raise InputError(f"extinction or opacity: exactly one is needed, {found} given.")
@@ -176,7 +180,12 @@ def _object(document: object, what: str, allowed: set[str], *, required: set[str
         raise InputError(f"{what} is {document!r:.80}; expected an object with {sorted(allowed)}.")
     unknown = sorted(str(key) for key in document.keys() - allowed)
     if unknown:
-        raise InputError(f"{what} has unknown keys {unknown}; known are {sorted(allowed)}.")
+        near = [name for key in unknown for name in difflib.get_close_matches(key, allowed, n=1)]
+        meant = f"did you mean {', '.join(map(repr, near))}? Known are" if near else "known are"
+        keys = "the unknown key" if len(unknown) == 1 else "unknown keys"
+        raise InputError(
+            f"{what} has {keys} {', '.join(map(repr, unknown))}; {meant} {', '.join(sorted(allowed))}."
+        )
     missing = sorted(required - document.keys())
     if missing:
         raise InputError(f"{what} lacks {missing}.")

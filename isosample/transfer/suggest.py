@@ -10,6 +10,7 @@ import numpy.typing as npt
 from isosample.errors import InputError
 from isosample.transfer.control_points import ControlPoint
 from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.grid import check_is_volume
 
 if TYPE_CHECKING:
     from isosample.transfer.control_points import Color
@@ -64,6 +65,7 @@ def suggest_transfer_function(volume: Volume) -> TransferFunction:
     """
     from isosample.volume.statistics import histogram
 
+    check_is_volume(volume)
     low, high = volume.value_range
     if high - low <= ROUNDING_ULP * np.spacing(max(abs(low), abs(high))):
         raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -195,6 +196,20 @@ class TransferFunction:
             np.array([point.color for point in self.points]),
             np.array([point.extinction for point in self.points]),
         )
+
+
+def check_is_transfer_function(transfer_function: object) -> None:
+    """Raise `InputError` unless something is a `TransferFunction`; a path or a dict are told how to become one."""
+    if isinstance(transfer_function, TransferFunction):
+        return
+    cure = "TransferFunction(points)"
+    if isinstance(transfer_function, str | os.PathLike):
+        cure = f"TransferFunction.load({os.fspath(transfer_function)!r})"
+    elif isinstance(transfer_function, dict):
+        cure = "TransferFunction.from_dict(...)"
+    raise InputError(
+        f"transfer_function is {transfer_function!r:.80}; expected a TransferFunction. Pass isosample.{cure}."
+    )
 
 
 def _entries(entries: Sequence[Entry], kind: type[Entry], name: str) -> tuple[Entry, ...]:

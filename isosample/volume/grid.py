@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -31,9 +32,9 @@ class Volume:
 
     Parameters
     ----------
-    array : (Z, Y, X) integer or floating point
-        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied. May be memory-mapped, or
-        `LazySamples`, which stay in their file until they are sliced.
+    array : (Z, Y, X) integer, floating point or bool
+        Samples, indexed ``[z, y, x]``; kept in their own dtype, never copied; a mask of bool counts as uint8. May
+        be memory-mapped, or `LazySamples`, which stay in their file until they are sliced.
     spacing : 3 floats
         Distance between samples along x, y, z [world], > 0.
     origin : 3 floats
@@ -73,6 +74,9 @@ class Volume:
             raise InputError(
                 f"a volume needs a numpy array, got {type(array).__name__}. Pass numpy.asarray(...)."
             )
+        if array.dtype == np.bool_ and not self.stays_in_file:
+            array = array.view(np.uint8)  # a mask: 0 and 1 in the same memory
+            object.__setattr__(self, "array", array)
         if array.ndim != 3:
             raise InputError(
                 f"{self.name} has shape {array.shape}; a volume has three axes [z, y, x]. "
@@ -80,7 +84,8 @@ class Volume:
             )
         if array.dtype.kind not in "iuf":
             raise InputError(
-                f"{self.name} holds {array.dtype}; a volume needs integers or floats. Convert with .astype()."
+                f"{self.name} holds {array.dtype}; a volume needs integers, floats or bool (a mask). Convert "
+                "with .astype()."
             )
         if 0 in array.shape:
             raise InputError(f"{self.name} has shape {array.shape}; every axis needs at least one sample.")
@@ -90,6 +95,12 @@ class Volume:
         object.__setattr__(self, "geometry", geometry)
         for name in ("spacing", "origin", "direction"):
             object.__setattr__(self, name, getattr(geometry, name))
+
+    def __repr__(self) -> str:
+        """One line that reads no sample."""
+        size = " x ".join(str(count) for count in self.size_xyz)
+        spacing = ", ".join(f"{length:.6g}" for length in self.spacing)
+        return f"Volume({self.name!r}: {size} (x, y, z) {self.array.dtype}, spacing ({spacing}))"
 
     @property
     def size_xyz(self) -> tuple[int, int, int]:
@@ -173,3 +184,21 @@ class Volume:
     def blocks(self, block_bytes: int = SCAN_BYTES) -> Iterator[SampleArray]:
         """Yield blocks of about `block_bytes` that hold every sample once, each part of a file being read once."""
         return blocks_of(self.array, block_bytes)
+
+
+def check_is_volume(volume: object) -> None:
+    """Raise `InputError` unless something is a `Volume`; an array or a path are told how to become one."""
+    if isinstance(volume, Volume):
+        return
+    if isinstance(volume, np.ndarray):
+        raise InputError(
+            f"volume is an array of shape {volume.shape}; expected a Volume. Pass "
+            "isosample.Volume(array), with its spacing."
+        )
+    if isinstance(volume, str | os.PathLike):
+        raise InputError(
+            f"volume is {os.fspath(volume)!r}; expected a Volume. Pass isosample.open_volume({os.fspath(volume)!r})."
+        )
+    raise InputError(
+        f"volume is {volume!r:.80}; expected a Volume. Pass isosample.Volume(array) or isosample.open_volume(path)."
+    )

@@ -5,17 +5,21 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from isosample.defaults import VOLUME_SUFFIXES
 from isosample.errors import InputError
-from isosample.files import replacing
-from isosample.volume.readers.itk import itk_failures, simpleitk
+from isosample.files import replacing, write_array
+from isosample.volume.readers.itk import itk_reason, quiet_standard_error, simpleitk
+from isosample.volume.readers.layouts import is_gzip, nifti_header
+from isosample.volume.readers.samples import inflated_length
 
 if TYPE_CHECKING:
     from isosample.volume.grid import Volume
+
+PROBE = bytes(1 << 20)  # what is tried to write where SimpleITK does not say why it could not
 
 
 def volume_suffix(path: Path) -> str:
@@ -70,7 +74,7 @@ def save_volume(volume: Volume, path: Path) -> None:
     samples = np.asarray(volume.in_memory().array)
     if suffix == ".npy":
         with replacing(path) as file:
-            np.save(file, samples)
+            write_array(file, samples)
         return
     sitk = simpleitk(f"writing {path.name}")
     stored = samples.astype(np.float32) if samples.dtype == np.float16 else samples
@@ -81,10 +85,30 @@ def save_volume(volume: Volume, path: Path) -> None:
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             whole = Path(folder) / f"volume{suffix}"
-            with itk_failures(path.name, suffix.lstrip(".")):
-                sitk.WriteImage(image, str(whole), useCompression=suffix == ".nrrd")
+            _write_image(sitk, image, whole)
             os.replace(whole, path)  # noqa: PTH105  # named for what it is: the atomic step
     except OSError as error:
         raise InputError(
             f"{path} cannot be written: {error.strerror or error}. Choose another path."
         ) from error
+
+
+def _write_image(sitk: Any, image: Any, path: Path) -> None:
+    """Write an image, and raise `OSError` with the system's reason where it can be had, if not all of it is there."""
+    try:
+        with quiet_standard_error():
+            sitk.WriteImage(image, str(path), useCompression=path.suffix == ".nrrd")
+        if ".nii" in path.name:
+            _check_whole(path)
+    except (RuntimeError, InputError) as error:
+        with path.open("ab") as file:  # on a full disk, and at a limit for the size of a file, this fails too
+            file.write(PROBE)
+        raise OSError(itk_reason(str(error))) from error
+
+
+def _check_whole(path: Path) -> None:
+    """Raise `InputError` for a NIfTI file that ends early: the library does not look whether all was written."""
+    header = nifti_header(path)
+    length = inflated_length(path) if is_gzip(path) else path.stat().st_size
+    if length < header.end:
+        raise InputError(f"{length} of {header.end} bytes were written")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
 from cli.harness import Outcome, Run, words_of, write_scene
-from isosample.cli import main
+from isosample.cli import console, main
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,6 +22,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     place.mkdir()
     write_scene(place)
     monkeypatch.chdir(place)
+    monkeypatch.setattr(
+        console, "MOMENT", math.inf
+    )  # on a slow machine nothing more is told than on a fast one
     for variable in ("ISOSAMPLE_CACHE", "ISOSAMPLE_GL_BACKEND", "NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(variable, raising=False)
     return place

@@ -31,8 +31,8 @@ def test_ls_tells_what_each_cache_holds(run: Run, cache: Path) -> None:
     assert entry["chunks"] == len(chunks(cache)) > 0
     assert entry["size_bytes"] == sum(len(data) for data in content(cache).values() if data)
     heads, row, total = outcome.out.splitlines()
-    assert heads.split() == ["cache", "volume", "samples", "isosurfaces", "meshes", "size", "used"]
-    assert row.split()[:5] == ["meshes", "blob.npy", "10x9x8", str(entry["surfaces"]), str(entry["chunks"])]
+    assert heads.split() == ["cache", "volume", "samples", "isosurfaces", "details", "meshes", "size", "used"]
+    assert row.split()[:6] == ["meshes", "blob.npy", "10x9x8", "13", "0", str(entry["chunks"])]
     assert total.startswith("1 cache, ")
 
 
@@ -52,6 +52,72 @@ def test_the_folder_of_all_caches_is_the_default(
     outcome = run("cache ls")
     assert outcome.status == 0
     assert "cannot be used: all/two/volume.json has format version 2" in outcome.out
+
+
+def test_ls_counts_isosurfaces_and_their_details_apart(run: Run) -> None:
+    assert run("precompute blob.npy --tf tf.json --per-slope 0 --details 2 --cache coarse").status == 0
+    entry = json.loads(run("cache ls coarse --json").out)["caches"][0]
+    assert (entry["isovalues"], entry["details"], entry["surfaces"]) == (3, 2, 9)
+    assert run("cache ls coarse").out.splitlines()[1].split()[3:5] == ["3", "2"]
+
+
+def interrupt(monkeypatch: pytest.MonkeyPatch, run: Run, words: str) -> None:
+    """Run `precompute` as if Ctrl-C were pressed before the scene is written."""
+    from isosample.surfaces import cache
+
+    def pressed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(cache, "write_cache", pressed)
+        outcome = run(f"precompute {words}")
+    assert outcome.status == 130
+    assert "what was extracted is kept" in outcome.err
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+@pytest.mark.parametrize("render", ["render half -o out.png", "render half --tf tf.json -o out.png"])
+def test_an_interrupted_cache_is_told_as_such_and_goes_on(
+    run: Run, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, more: str, render: str
+) -> None:
+    request.getfixturevalue("gl")
+    words = f"blob.npy --tf tf.json --cache half {more}"
+    interrupt(monkeypatch, run, words)
+    told = "half was not finished"
+    outcome = run(render)
+    assert (outcome.status, outcome.err.count("\n")) == (2, 1)
+    for cure in (told, "isosample precompute", "same volume and --cache", "goes on from there"):
+        assert cure in outcome.err
+    assert "elete" not in outcome.err
+    verified = run("cache verify half")
+    assert (verified.status, verified.fields()["damaged files"]) == (0, "0")
+    assert verified.fields()["incomplete"] == "1"
+    assert f"incomplete: {told}" in verified.out
+    assert json.loads(run("cache verify half --json").out)["unfinished"] == ["half"]
+    listed = run("cache ls half")
+    assert listed.out.splitlines()[1].split()[3] == "unfinished"
+    assert f"incomplete: {told}" in listed.out
+    assert not json.loads(run("cache ls half --json").out)["caches"][0]["finished"]
+    finished = run(f"precompute {words}")
+    assert finished.fields()["levels"] == "13 (13 reused)"
+    assert run("cache verify half").fields()["incomplete"] == "0"
+    assert run(render).status == 0
+
+
+@pytest.mark.parametrize("name", ["scene.json", "boundary.npz", "volume.json"])
+def test_the_cure_that_a_damaged_file_names_keeps_the_meshes(run: Run, cache: Path, name: str) -> None:
+    whole = content(cache)
+    (cache / name).write_bytes((cache / name).read_bytes()[:-9])
+    outcome = run("render meshes -o out.png")
+    assert outcome.status == 2
+    assert "elete" not in outcome.err
+    assert "isosample precompute` again with the same" in outcome.err
+    if name == "volume.json":
+        assert "Remove this one file" in outcome.err
+        (cache / name).unlink()
+    again = run("precompute blob.npy --tf tf.json --cache meshes")
+    assert again.fields()["levels"] == "13 (13 reused)"
+    assert content(cache) == whole
 
 
 def test_verify_finds_every_kind_of_damage_and_changes_nothing(run: Run, cache: Path) -> None:
@@ -86,7 +152,7 @@ def test_what_verify_names_precompute_puts_right(run: Run, cache: Path) -> None:
     outcome = run("precompute blob.npy --tf tf.json --cache meshes")
     assert outcome.status == 0
     assert (
-        f"warning: 1 damaged chunks of meshes were extracted again; the first: meshes/chunks/{first.stem[:2]}"
+        f"warning: 1 damaged chunk of meshes was extracted again; the first: meshes/chunks/{first.stem[:2]}"
         in (outcome.err)
     )
     assert content(cache) == whole
@@ -99,17 +165,18 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
         os.utime(path, (1e9 + number, 1e9 + number))
     sizes = [path.stat().st_size for path in there]
     budget = sum(sizes[3:])
-    assert (
-        run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run")
-        .fields()["would remove"]
-        .startswith("3 ")
-    )
+    pretended = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run")
+    assert pretended.fields()["would remove"].startswith("3 ")
+    assert "incomplete" not in pretended.out
     assert chunks(cache) == there
     foretold = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB --dry-run --json")
     assert json.loads(foretold.out)["bytes_left"] == budget
     outcome = run(f"cache prune meshes --budget {(budget + 1) / 1024:.9f}KiB")
     assert outcome.status == 0
     assert outcome.fields()["removed"].startswith("3 meshes, ")
+    assert (
+        "meshes is now incomplete: its scene cannot be rendered until `isosample precompute`" in outcome.out
+    )
     assert chunks(cache) == there[3:]
     assert json.loads(run("cache prune meshes --budget 1GiB --json").out)["bytes_left"] == budget
     assert "is missing" in run("render meshes -o out.png --size 16x16").err
@@ -120,10 +187,34 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert [(row["cache"], row["pieces_missing"]) for row in found["incomplete"]] == [("meshes", 3)]
 
 
+@pytest.mark.usefixtures("cache")
+@pytest.mark.parametrize(
+    "words",
+    [
+        "cache prune --budget 1GiB --dry-run --json meshes",
+        "cache prune --dry-run meshes --json --budget 1GiB",
+        "cache --json prune meshes --budget 1GiB --dry-run",
+    ],
+)
+def test_folder_and_options_stand_in_any_order(run: Run, words: str) -> None:
+    expected = run("cache prune meshes --budget 1GiB --dry-run --json")
+    assert expected.status == 0
+    assert run(words) == expected
+    for action in ("ls", "verify"):
+        assert run(f"cache {action} --json meshes") == run(f"cache {action} meshes --json")
+
+
+def test_several_folders_may_stand_about_an_option(run: Run, cache: Path) -> None:
+    shutil.copytree(cache, cache.parent / "more")
+    found = json.loads(run("cache verify meshes --json more").out)["caches"]
+    assert found == ["meshes", "more"]
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
         ("cache", "ls|verify|prune"),
+        ("cache ls --jsno meshes", "unexpected argument '--jsno'; did you mean --json?"),
         ("cache rm", "'rm'"),
         ("cache prune meshes", "--budget"),
         ("cache prune meshes --budget lots", "'lots'"),

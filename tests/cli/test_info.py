@@ -161,6 +161,15 @@ def test_the_histogram_is_a_picture(run: Run) -> None:
         assert min(picture.size) > 100
 
 
+def test_the_files_that_are_written_are_told(run: Run, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    outcome = run("info blob.npy --suggest begin.json --histogram plot.png")
+    assert outcome.fields()["suggested transfer function"] == "begin.json"
+    assert outcome.fields()["plot of the histogram"] == "plot.png"
+    assert (folder / "plot.png").stat().st_size > 0
+    assert "suggested" not in run("info blob.npy").out
+
+
 def test_a_suggested_transfer_function_is_written_and_is_the_one_that_is_rendered(
     run: Run, folder: Path
 ) -> None:

@@ -148,3 +148,26 @@ def test_a_strict_picture_with_guesses_is_refused(run: Run, monkeypatch: pytest.
     assert not Path("out.png").exists()
     with pytest.raises(UnrepairedError):
         check({"unrepaired_pixels": 1})
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize(
+    ("most", "told"),
+    [
+        (10**9, "--refine auto ended at 8, the finest that there is: the meshes are "),
+        (
+            1,
+            "--refine auto ended at 1, as finer meshes might have more than 20 000 000 triangles (fewer isovalues",
+        ),
+    ],
+)
+def test_a_refinement_that_ends_early_says_why_and_what_helps(
+    run: Run, monkeypatch: pytest.MonkeyPatch, most: int, told: str
+) -> None:
+    for module in ("rendering.preparation", "cli.summary"):
+        monkeypatch.setattr(f"isosample.{module}.AUTO_DISTANCE", 1e-9)
+    monkeypatch.setattr("isosample.rendering.preparation.DEFAULT_MAX_TRIANGLES", most)
+    outcome = run("render blob.npy --tf tf.json --per-slope 0 --refine auto --size 8x8 -o out.npy")
+    assert outcome.status == 0, outcome.err
+    assert told in outcome.out
+    assert "isosample filter" in outcome.out

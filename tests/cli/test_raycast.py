@@ -177,6 +177,8 @@ def test_the_summary_and_the_statistics_tell_what_it_took(run: Run) -> None:
     assert f"{macrocells['occupied']} of {macrocells['of']} are occupied" in fields["macrocells per ray"]
     assert 0 < samples["mean"] <= samples["max"]
     assert stats["root_evaluations_per_ray"] > 0
+    for method in ("post-classified", "pre-integrated"):  # which look for no roots
+        assert "root evaluations" not in run(f"{RENDER} --method {method}").out
 
 
 def test_isosurfaces_that_samples_cannot_meet_are_told(run: Run) -> None:

@@ -317,6 +317,52 @@ def test_a_picture_of_nothing_is_empty_and_says_so(run: Run, method: str, film: 
         assert not np.load(name).any()
 
 
+@pytest.mark.parametrize("film", ["", "--turntable 2"])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (
+            "--clip 1,0,0,-1e6",
+            "the picture is empty, for everything is cut away: the clip planes leave nothing of",
+        ),
+        (
+            "--camera away.json",
+            "the picture is empty, for the volume's box, 0, 0, 0 to 9, 8, 7, is behind the eye",
+        ),
+    ],
+)
+def test_a_picture_that_clip_planes_or_the_view_make_empty_says_which(
+    run: Run, method: str, film: str, words: str, why: str
+) -> None:
+    write_json(
+        Path("away.json"),
+        {"projection": "perspective", "eye": [4, 4, 40], "target": [4, 4, 80], "fov_y_degrees": 30},
+    )
+    outcome = run(f"{RENDER} {words} --background 1,0.3,0.7 --method {method} {film} -o out.npy")
+    assert outcome.status == 0, outcome.err
+    if film and "--camera" in words:  # a turn about the target: the volume is behind one of two eyes
+        assert [line for line in outcome.out.splitlines() if f"1 of 2 frames, from frame 0 on: {why}" in line]
+        return
+    assert outcome.out.count(why) == 1
+    if film:
+        assert f"2 of 2 frames, from frame 0 on: {why}" in outcome.out
+
+
+def test_a_mask_is_rendered_like_its_0_and_1(run: Run) -> None:
+    mask = blob() > 40
+    write_json(
+        Path("mask.json"), {"points": [{"value": v, "color": [1, 0, 0], "extinction": 3 * v} for v in (0, 1)]}
+    )
+    pictures = []
+    for name, samples in (("mask.npy", mask), ("ones.npy", mask.astype(np.uint8))):
+        np.save(name, samples)
+        assert run(f"render {name} --tf mask.json --size 24x16 -o out.npy").status == 0
+        pictures.append(pixels())
+    assert pictures[0][..., 3].max() > 0.5
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+
+
 def test_what_only_a_spline_reaches_is_not_called_nothing(run: Run) -> None:
     """The cubic of samples 0, 1, 1, 0 rises to 9/8 between them, which is above all samples."""
     samples = np.zeros((4, 4, 4), dtype=np.float32)

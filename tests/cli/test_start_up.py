@@ -216,14 +216,14 @@ def test_whatever_ends_a_command_is_told_in_one_line(
 def test_a_picture_that_is_not_finished_is_not_there(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
 ) -> None:
-    import numpy as np
+    from isosample.rendering import image
 
     def half(file: object, *_: object, **__: object) -> NoReturn:
         file.write(b"half")  # type: ignore[attr-defined]
         raise error
 
     before = content(folder)
-    monkeypatch.setattr(np, "save", half)
+    monkeypatch.setattr(image, "write_array", half)
     outcome = run("render blob.npy --tf tf.json --size 16x16 -o out.npy")
     assert outcome.status == (130 if isinstance(error, KeyboardInterrupt) else 2)
     assert outcome.err.count("\n") == 1

@@ -126,6 +126,9 @@ COMMAND_LINES = {
     "isovalues of the reference": Wrong(f"{RENDER} --method reference --per-slope 0", ("--per-slope",)),
     "plan of the reference": Wrong(f"{RENDER} --method reference --plan", ("--plan", "reference")),
     "segments of the reference": Wrong(f"{RENDER} --method reference --segment constant", ("--segment",)),
+    "light of the reference": Wrong(
+        f"{RENDER} --method reference --shading", ("--method reference has no light; leave out --shading",)
+    ),
     "stage of the reference": Wrong(f"{RENDER} --method reference --stage compute", ("--stage",)),
     "cache of the reference": Wrong(f"{RENDER} --method reference --cache meshes", ("--cache",)),
     "azimuth in words": Wrong(f"{RENDER} --azimuth north", ("'north'", "--azimuth")),
@@ -219,7 +222,10 @@ VOLUMES = {
     "nothing but NaN": Wrong(
         "precompute nan.npy --nan masked", ("nan.npy",), array("nan.npy", np.full((4, 5, 6), np.nan))
     ),
-    "isovalue beyond the range": Wrong("export blob.npy --isovalue 200 -o out.ply", ("200", "out.ply")),
+    "isovalue beyond the range": Wrong(
+        "export blob.npy --isovalue 200 -o out.ply",
+        ("200", "out.ply", "the values of blob.npy go from 0.247875 to 93.6592"),
+    ),
     "mesh cache as a volume": Wrong(
         "info meshes", ("meshes", "mesh cache"), lambda: write_folder_with("scene.json")
     ),
@@ -250,7 +256,11 @@ TRANSFER_FUNCTIONS = {
         "info blob.npy --tf bad.json", ("bad.json", "points[1]", "'alpha'"), tf_point(alpha=1)
     ),
     "unknown part": Wrong("info blob.npy --tf bad.json", ("bad.json", "'pionts'"), tf(pionts=[])),
-    "intervals": Wrong("info blob.npy --tf bad.json", ("bad.json", "intervals"), tf(intervals=[])),
+    "an older file of 3D Slicer": Wrong(
+        "render blob.npy --tf lung.vp -o out.png",
+        ("lung.vp is a volume property of 3D Slicer in its older form", "as .vp.json"),
+        lambda: Path("lung.vp").write_text("1\n1\n0.2\n8 0 0 1 1\n"),
+    ),
     "colour above one": Wrong(
         "info blob.npy --tf bad.json", ("bad.json", "points[1]", "255"), tf_point(color=[0, 255, 0])
     ),
@@ -336,7 +346,7 @@ PICTURES_OF_CACHES = {
     "a chunk that is incomplete": Wrong(
         "render meshes -o out.png", (".chunk is damaged", "isosample precompute"), cut("chunks/*/*")
     ),
-    "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "missing"), removed("scene.json")),
+    "no scene.json": Wrong("render meshes -o out.png", ("scene.json", "not finished"), removed("scene.json")),
     "isovalues that are not there": Wrong(
         "render meshes --tf bad.json -o out.png", ("meshes", str(20 + 32.5 / 6)), tf_point(value=52.5)
     ),

@@ -62,6 +62,25 @@ def test_every_setting_of_every_method_has_an_entry(document: dict[str, Any]) ->
     assert len({entry["name"] for entry in document["entries"]}) == len(found)
 
 
+def test_no_setting_pays_for_the_first_extraction_of_a_volume(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of the volume itself is discarded before any setting is prepared; without such a method there is none."""
+    made: list[tuple[Setting, bool]] = []
+    prepare = contenders.SurfaceContender.prepare
+
+    def counted(one: contenders.SurfaceContender) -> None:
+        prepare(one)
+        made.append((one.setting, one._scene.volume.name == "blob.npy"))
+
+    monkeypatch.setattr(contenders.SurfaceContender, "prepare", counted)
+    run_experiment(small_experiment(methods=("data-centric",)))
+    discarded = Setting("data-centric", Parameter.PER_SLOPE, 1)
+    timed = [Setting("data-centric", Parameter.PER_SLOPE, float(number)) for number in PER_SLOPES]
+    assert [setting for setting, is_real in made if is_real] == [discarded, *timed]
+    made.clear()
+    run_experiment(small_experiment(methods=("pre-integrated",)))
+    assert made == []
+
+
 def test_pictures_are_those_of_the_library_under_one_set_of_conventions(outcome: Outcome) -> None:
     scene = blob_scene()
     for place, camera in enumerate(CAMERAS):

@@ -9,6 +9,7 @@ import PIL.Image
 import pytest
 
 from isosample.errors import InputError
+from isosample.rendering import image
 from isosample.rendering.image import Image, srgb_from_linear
 
 if TYPE_CHECKING:
@@ -70,8 +71,18 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     def full_disk(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(np, "save", full_disk)
+    monkeypatch.setattr(image, "write_array", full_disk)
     with pytest.raises(InputError, match="No space left"):
         picture().save(path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["p.npy"]
+
+
+def test_a_picture_shows_itself_in_one_line_and_as_a_png_in_notebooks(tmp_path: Path) -> None:
+    assert repr(picture()) == "Image(7 x 5)"
+    made = Image(
+        picture().rgba, {"method": "data-centric", "seconds": {"plan": 0.25, "render": 1.0}, "x": [1] * 99}
+    )
+    assert repr(made) == "Image(7 x 5, data-centric, 1.25 s)"
+    made.save(tmp_path / "p.png")
+    assert made._repr_png_() == (tmp_path / "p.png").read_bytes()

@@ -211,7 +211,7 @@ def test_a_folder_that_is_no_cache_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CacheError, match=r"not a mesh cache.*isosample precompute"):
         load_cache(tmp_path)
     extract_with_cache(scene_volume(), [0.0], tmp_path)
-    with pytest.raises(CacheError, match=r"scene\.json is missing"):
+    with pytest.raises(CacheError, match=r"was not finished: it has no scene\.json"):
         load_cache(tmp_path)
     (tmp_path / "volume.json").write_text("[]")
     with pytest.raises(CacheError, match=r"volume\.json is not an isosample cache"):

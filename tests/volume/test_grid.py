@@ -106,7 +106,7 @@ def test_an_impossible_placement_is_refused(arguments: dict[str, object], messag
     ("array", "message"),
     [
         (np.zeros((2, 2)), "three axes"),
-        (np.zeros((2, 2, 2), dtype=complex), "integers or floats"),
+        (np.zeros((2, 2, 2), dtype=complex), "integers, floats or bool"),
         (np.zeros((2, 0, 2)), "at least one sample"),
         ([[[1.0]]], "needs a numpy array"),
     ],
@@ -126,3 +126,19 @@ def test_the_value_range_ignores_samples_that_are_not_finite() -> None:
 def test_a_volume_without_any_finite_sample_is_refused_when_its_range_is_asked() -> None:
     with pytest.raises(InputError, match="no finite sample"):
         _ = Volume(np.full((1, 1, 2), np.nan)).value_range
+
+
+def test_a_mask_is_a_volume_of_0_and_1_in_the_same_memory() -> None:
+    mask = np.random.default_rng(3).random((4, 5, 6)) < 0.5
+    for array in (mask, mask[::2, :, ::-1], np.asfortranarray(mask)):
+        volume = Volume(array)
+        assert volume.array.dtype == np.uint8
+        assert np.shares_memory(volume.array, array)
+        assert np.array_equal(volume.array, array.astype(np.uint8))
+        assert volume.value_range == (0.0, 1.0)
+
+
+def test_a_volume_shows_itself_in_one_line_without_reading_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = Volume(np.zeros((8, 9, 10), dtype=np.int16), spacing=(0.5, 0.5, 1.25), name="head.nrrd")
+    monkeypatch.setattr(Volume, "blocks", None)
+    assert repr(volume) == "Volume('head.nrrd': 10 x 9 x 8 (x, y, z) int16, spacing (0.5, 0.5, 1.25))"

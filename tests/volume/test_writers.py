@@ -67,3 +67,42 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path, suffix: str) -> N
         pytest.importorskip("SimpleITK")
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         save_volume(Volume(np.zeros((2, 2, 2))), tmp_path / "absent" / f"out{suffix}")
+
+
+@pytest.mark.parametrize("suffix", VOLUME_SUFFIXES)
+def test_a_file_that_does_not_fit_is_told_with_the_reason_and_vanishes(tmp_path: Path, suffix: str) -> None:
+    """The system's limit for the size of a file stands for a full disk; the NIfTI library does not notice either."""
+    resource = pytest.importorskip("resource")
+    if suffix != ".npy":
+        pytest.importorskip("SimpleITK")
+    volume = Volume(
+        np.random.default_rng(2).random((40, 50, 60)).astype(np.float32)
+    )  # 480 kB that hardly deflate
+    path = tmp_path / f"out{suffix}"
+    path.write_bytes(b"what was there before")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(InputError) as told:
+            save_volume(volume, path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert str(told.value) == f"{path} cannot be written: File too large. Choose another path."
+    assert path.read_bytes() == b"what was there before"
+    assert [part.name for part in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_failure_without_a_reason_of_the_system_is_told_with_that_of_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+
+    def refuse(*_: object, **__: object) -> None:
+        raise RuntimeError("ITK ERROR: NrrdImageIO(0x1): the moon is full.")
+
+    monkeypatch.setattr(sitk, "WriteImage", refuse)
+    with pytest.raises(
+        InputError, match=r"out.nrrd cannot be written: the moon is full\. Choose another path"
+    ):
+        save_volume(Volume(np.zeros((2, 2, 2))), tmp_path / "out.nrrd")
+    assert list(tmp_path.iterdir()) == []

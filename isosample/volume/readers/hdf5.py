@@ -10,6 +10,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LockedSamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
+from isosample.volume.readers.samples import number_type
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,7 +57,7 @@ def read_hdf5(path: Path, options: ReadOptions) -> Volume:
         before,
         after,
         shape=tuple(dataset.shape[space]),
-        dtype=dataset.dtype.newbyteorder("="),
+        dtype=number_type(dataset.dtype),
         chunks=tuple(dataset.chunks[space]) if dataset.chunks else None,
         identity=files_identity([path], dataset.name, before, after),
     )
@@ -69,14 +70,15 @@ def _dataset(name: str, file: Any, chosen: str | None, h5py: Any) -> Any:
     found: dict[str, Any] = {}
 
     def visit(key: str, member: Any) -> None:
-        if isinstance(member, h5py.Dataset) and member.ndim >= 3 and member.dtype.kind in "iuf":
+        if isinstance(member, h5py.Dataset) and member.ndim >= 3 and member.dtype.kind in "iufb":
             found[key] = member
 
     file.visititems(visit)
     if chosen is not None and chosen.strip("/") in found:
         return found[chosen.strip("/")]
-    if chosen is None and len(found) == 1:
-        return next(iter(found.values()))
+    scans = {key: member for key, member in found.items() if member.dtype.kind != "b"} or found
+    if chosen is None and len(scans) == 1:  # a mask beside a scan is no rival
+        return next(iter(scans.values()))
     listed = ", ".join(f"{key} {member.shape}" for key, member in sorted(found.items())) or "none"
     asked = (
         f"no dataset {chosen!r} with"

@@ -145,10 +145,10 @@ def simpleitk(task: str) -> Any:
 def itk_failures(name: str, kind: str) -> Iterator[None]:
     """Turn SimpleITK's failures into one clear line, and keep its C++ warnings off standard error."""
     try:
-        with _quiet_standard_error():
+        with quiet_standard_error():
             yield
     except RuntimeError as error:
-        reason = _reason(str(error))
+        reason = itk_reason(str(error))
         if "orthonormal" in reason:
             raise InputError(
                 f"{name}: its direction is not orthonormal; sheared grids are not supported. Resample it."
@@ -159,7 +159,7 @@ def itk_failures(name: str, kind: str) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _quiet_standard_error() -> Iterator[None]:
+def quiet_standard_error() -> Iterator[None]:
     """Discard what C and C++ code writes to file descriptor 2: MetaIO and NIfTI bypass ITK's switch."""
     sys.stderr.flush()
     kept = os.dup(2)
@@ -173,7 +173,7 @@ def _quiet_standard_error() -> Iterator[None]:
         os.close(kept)
 
 
-def _reason(text: str) -> str:
+def itk_reason(text: str) -> str:
     """Return the telling part of an ITK message: without places in ITK's source, and its last cause only."""
     lines = [line for line in text.splitlines() if line.strip() and "Exception thrown" not in line]
     lines = [re.sub(r"^(ITK ERROR: )?(\[nrrd\] )?(_?\w+(\(0x[0-9a-f]+\))?: ?)?", "", line) for line in lines]

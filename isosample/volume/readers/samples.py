@@ -111,6 +111,11 @@ def native(array: SampleArray) -> SampleArray:
     return array if array.dtype.isnative else np.asarray(array).astype(array.dtype.newbyteorder("="))
 
 
+def number_type(dtype: np.dtype[np.generic]) -> np.dtype[np.generic]:
+    """Return the type that samples of a file are read in: its own, in the machine's byte order; uint8 for bool."""
+    return np.dtype(np.uint8) if dtype == np.bool_ else np.dtype(dtype).newbyteorder("=")
+
+
 def positive_steps(spacing: F64, direction: F64) -> tuple[tuple[float, float, float], F64]:
     """Return the same placement with every spacing > 0: a negative step becomes a flipped direction."""
     flipped: F64 = direction * np.where(spacing < 0, -1.0, 1.0)

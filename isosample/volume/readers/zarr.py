@@ -10,6 +10,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
+from isosample.volume.readers.samples import number_type
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,7 @@ class ZarrSamples(LazySamples):
         space = slice(len(before), len(before) + 3)
         super().__init__(
             cast("Triple", tuple(array.shape[space])),
-            np.dtype(array.dtype).newbyteorder("="),
+            number_type(array.dtype),
             chunks=cast("Triple", tuple(array.chunks[space])),
             identity=files_identity((path for path in folder.rglob("*") if path.is_file()), before, after),
         )

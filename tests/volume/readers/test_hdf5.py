@@ -39,6 +39,15 @@ def test_the_only_dataset_is_read_in_its_own_type(tmp_path: Path, dtype: str, na
     np.testing.assert_array_equal(np.asarray(volume.array), SAMPLES.astype(dtype))
 
 
+def test_a_mask_is_read_as_0_and_1_and_stands_back_behind_a_scan(tmp_path: Path) -> None:
+    mask = SAMPLES % 2 == 1
+    path = write(tmp_path / "a.h5", mask=mask, scan=SAMPLES)
+    np.testing.assert_array_equal(np.asarray(open_volume(path).array), SAMPLES)
+    for volume in (open_volume(path, dataset="mask"), open_volume(write(tmp_path / "b.h5", mask=mask))):
+        assert volume.array.dtype == np.uint8
+        np.testing.assert_array_equal(np.asarray(volume.array), mask.astype(np.uint8))
+
+
 def test_a_dataset_is_named_where_there_are_several(tmp_path: Path) -> None:
     path = write(tmp_path / "a.h5", **{"scan/ct": SAMPLES, "scan/mask": SAMPLES + 1})
     with pytest.raises(
