@@ -100,7 +100,8 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         type=values.tolerance,
         metavar="E",
         help="in place of --per-slope: largest error of a component, such as 1/255, for all but a thousandth of the "
-        "pixels; isovalues and refinement are searched for on pictures from four sides",
+        "pixels; isovalues and refinement, or the ray caster's step in place of --step, are searched for on pictures "
+        "from four sides",
     )
     parser.add_argument(
         "--max-isovalues",
