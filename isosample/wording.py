@@ -31,3 +31,8 @@ def fraction_text(number: float) -> str:
     """A number, as 1/n where it is one: 0.25 is 1/4."""
     inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
     return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"
+
+
+def percentage(share: float) -> str:
+    """A share of 0 to 1 in per cent with two digits, never rounded to nothing: 0.82 %, 0.0016 %, 100 %."""
+    return f"{100 * share:.2g} %" if share < 0.995 else "100 %"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from isosample.wording import byte_size, counted, thousands
+from isosample.wording import byte_size, counted, percentage, thousands
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,9 @@ def test_one_of_a_thing_is_no_plural() -> None:
         "2 caches",
         "1 000 caches",
     ]
+
+
+def test_shares_are_never_rounded_to_nothing() -> None:
+    shares = (0.0, 1.6e-5, 0.001, 0.0082, 0.25, 0.994, 0.996, 1.0)
+    written = ["0 %", "0.0016 %", "0.1 %", "0.82 %", "25 %", "99 %", "100 %", "100 %"]
+    assert [percentage(share) for share in shares] == written

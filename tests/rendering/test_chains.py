@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     import moderngl
 
 ANY_LIST = 1  # sort_capacity: no class of chains is that short
-TOLD = "fragments max_depth_complexity band_violations reordered_fragments unrepaired_pixels terminated_rays"
+TOLD = (
+    "fragments max_depth_complexity band_violations repaired_pixels reordered_fragments unrepaired_pixels "
+    "terminated_rays"
+)
 
 
 def smooth_volume() -> Volume:
