@@ -36,3 +36,9 @@ def fraction_text(number: float) -> str:
 def percentage(share: float) -> str:
     """A share of 0 to 1 in per cent with two digits, never rounded to nothing: 0.82 %, 0.0016 %, 100 %."""
     return f"{100 * share:.2g} %" if share < 0.995 else "100 %"
+
+
+def duration(seconds: float) -> str:
+    """An estimated duration with two digits, in the unit that people use for it: 0.6 s, 45 s, 4 min, 2.5 h."""
+    length, unit = (1.0, "s") if seconds < 90.0 else (60.0, "min") if seconds < 5400.0 else (3600.0, "h")
+    return f"{float(f'{seconds / length:.2g}'):g} {unit}"
