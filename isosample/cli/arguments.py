@@ -164,8 +164,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--up",
         choices=("y", "z"),
-        help="axis that points up: y, the eye starting on +z (default), or z, the eye starting on -y, which is a "
-        "patient's front in scans",
+        help="axis that points up: y, the eye starting on +z, or z, the eye starting on -y, which is a patient's "
+        "front (default z for NIfTI, MetaImage, DICOM and NRRD with an anatomical space, else y)",
     )
     group.add_argument(
         "--zoom",

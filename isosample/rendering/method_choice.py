@@ -102,7 +102,7 @@ def choose_method(
     volume : Volume
     transfer_function : TransferFunction
     cameras : sequence of Camera, optional
-        One per frame; `Camera.orbit(volume.box)` by default.
+        One per frame; `Camera.default(volume.box, size)` by default: from the front.
     size : (width, height)
         Pixels.
     settings : RenderSettings, optional

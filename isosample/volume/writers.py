@@ -12,7 +12,7 @@ import numpy as np
 from isosample.defaults import VOLUME_SUFFIXES
 from isosample.errors import InputError
 from isosample.files import replacing
-from isosample.volume.readers.itk import itk_failures, simpleitk
+from isosample.volume.readers.itk import NRRD_SPACE, itk_failures, simpleitk
 
 if TYPE_CHECKING:
     from isosample.volume.grid import Volume
@@ -57,7 +57,8 @@ def save_volume(volume: Volume, path: Path) -> None:
     volume : Volume
     path : Path
         Ends in one of `isosample.defaults.VOLUME_SUFFIXES`. NRRD, NIfTI and MetaImage keep spacing, origin and
-        direction (NIfTI in float32); a numpy file holds the samples alone.
+        direction (NIfTI in float32), NRRD also whether the axes are a patient's, which the other two always mean; a
+        numpy file holds the samples alone.
 
     Raises
     ------
@@ -78,6 +79,8 @@ def save_volume(volume: Volume, path: Path) -> None:
     image.SetSpacing(volume.spacing)
     image.SetOrigin(volume.origin)
     image.SetDirection(volume.direction.ravel().tolist())
+    if not volume.patient_axes:
+        image.SetMetaData(NRRD_SPACE, "3D-right-handed")  # ITK would name an anatomical space
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             whole = Path(folder) / f"volume{suffix}"

@@ -185,12 +185,46 @@ def test_clip_planes_across_the_view_thin_the_slab(run: Run) -> None:
 def test_frame_index_gives_the_picture_of_the_bare_samples(run: Run) -> None:
     pytest.importorskip("SimpleITK")
     write_turned()
-    view = "--tf tf.json --size 24x16 --azimuth 20"
+    view = "--tf tf.json --size 24x16 --azimuth 20 --up y"
     assert run(f"render turned.mha --frame index {view} -o index.npy").status == 0
     assert run(f"render blob.npy --spacing 0.5,1,2 {view} -o bare.npy").status == 0
     assert run(f"render turned.mha {view} -o world.npy").status == 0
     np.testing.assert_array_equal(pixels("index.npy"), pixels("bare.npy"))
     assert not np.array_equal(pixels("index.npy"), pixels("world.npy"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scans_in_patient_axes_are_seen_from_the_front_head_up(run: Run, method: str) -> None:
+    pytest.importorskip("SimpleITK")
+    write_turned()
+    view = f"--tf tf.json --size 24x16 --azimuth 20 --method {method}"
+    pictures = {}
+    for name, source, up in (
+        ("default", "turned.mha", ""),
+        ("z", "turned.mha", "--up z"),
+        ("y", "turned.mha", "--up y"),
+        ("index", "turned.mha --frame index", ""),
+        ("index y", "turned.mha --frame index", "--up y"),
+    ):
+        assert run(f"render {source} {view} {up} -o out.npy").status == 0
+        pictures[name] = pixels()
+    np.testing.assert_array_equal(pictures["default"], pictures["z"])
+    assert not np.array_equal(pictures["default"], pictures["y"])
+    np.testing.assert_array_equal(pictures["index"], pictures["index y"])
+
+
+def test_a_cache_and_a_film_of_a_scan_in_patient_axes_begin_at_its_front(run: Run) -> None:
+    pytest.importorskip("SimpleITK")
+    write_turned()
+    assert run("render turned.mha --tf tf.json --size 24x16 -o volume.npy").status == 0
+    assert run("precompute turned.mha --tf tf.json --cache turned_meshes").status == 0
+    assert run("render turned_meshes --size 24x16 -o cache.npy").status == 0
+    np.testing.assert_array_equal(pixels("cache.npy"), pixels("volume.npy"))
+    assert run("render turned_meshes --size 24x16 --turntable 2 -o film.npy").status == 0
+    np.testing.assert_array_equal(pixels("film-000.npy"), pixels("volume.npy"))
+    volume = isosample.open_volume("turned.mha")
+    image = isosample.render(volume, isosample.TransferFunction.load("tf.json"), size=(24, 16))
+    np.testing.assert_array_equal(image.rgba, pixels("volume.npy"))
 
 
 def test_time_and_channel_choose_the_samples(run: Run) -> None:

@@ -67,3 +67,16 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path: Path, suffix: str) -> N
         pytest.importorskip("SimpleITK")
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         save_volume(Volume(np.zeros((2, 2, 2))), tmp_path / "absent" / f"out{suffix}")
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_an_nrrd_says_whether_its_axes_are_a_patients(tmp_path: Path, patient: bool) -> None:
+    pytest.importorskip("SimpleITK")
+    volume = Volume(
+        np.zeros((3, 4, 5), np.uint8), (1.0, 2.0, 3.0), (3.0, -4.5, 5.0), TURN, patient_axes=patient
+    )
+    save_volume(volume, tmp_path / "scan.nrrd")
+    found = open_volume(tmp_path / "scan.nrrd")
+    assert found.patient_axes == patient
+    assert found.origin == pytest.approx(volume.origin)
+    np.testing.assert_allclose(found.direction, TURN, atol=1e-12)
