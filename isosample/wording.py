@@ -31,3 +31,14 @@ def fraction_text(number: float) -> str:
     """A number, as 1/n where it is one: 0.25 is 1/4."""
     inverse = round(1.0 / number) if 0.0 < number < 1.0 else 0
     return f"1/{inverse}" if inverse > 1 and abs(number * inverse - 1.0) < 1e-9 else f"{number:g}"
+
+
+def percentage(share: float) -> str:
+    """A share of 0 to 1 in per cent with two digits, never rounded to nothing: 0.82 %, 0.0016 %, 100 %."""
+    return f"{100 * share:.2g} %" if share < 0.995 else "100 %"
+
+
+def duration(seconds: float) -> str:
+    """An estimated duration with two digits, in the unit that people use for it: 0.6 s, 45 s, 4 min, 2.5 h."""
+    length, unit = (1.0, "s") if seconds < 90.0 else (60.0, "min") if seconds < 5400.0 else (3600.0, "h")
+    return f"{float(f'{seconds / length:.2g}'):g} {unit}"

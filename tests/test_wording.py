@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from isosample.wording import byte_size, counted, thousands
+from isosample.wording import byte_size, counted, duration, percentage, thousands
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,27 @@ def test_one_of_a_thing_is_no_plural() -> None:
         "2 caches",
         "1 000 caches",
     ]
+
+
+def test_shares_are_never_rounded_to_nothing() -> None:
+    shares = (0.0, 1.6e-5, 0.001, 0.0082, 0.25, 0.994, 0.996, 1.0)
+    written = ["0 %", "0.0016 %", "0.1 %", "0.82 %", "25 %", "99 %", "100 %", "100 %"]
+    assert [percentage(share) for share in shares] == written
+
+
+def test_durations_are_in_the_unit_that_people_use() -> None:
+    spans = (0.0, 0.034, 3.14, 47.0, 89.9, 90.0, 97.0, 240.0, 5390.0, 5400.0, 9000.0, 1e6)
+    written = [
+        "0 s",
+        "0.034 s",
+        "3.1 s",
+        "47 s",
+        "90 s",
+        "1.5 min",
+        "1.6 min",
+        "4 min",
+        "90 min",
+        "1.5 h",
+        "2.5 h",
+    ]
+    assert [duration(span) for span in spans] == [*written, "280 h"]

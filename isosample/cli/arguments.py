@@ -100,7 +100,8 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         type=values.tolerance,
         metavar="E",
         help="in place of --per-slope: largest error of a component, such as 1/255, for all but a thousandth of the "
-        "pixels; isovalues and refinement are searched for on pictures from four sides, without light",
+        "pixels; isovalues and refinement, or the ray caster's step in place of --step, are searched for on pictures "
+        "from four sides, without light",
     )
     parser.add_argument(
         "--max-isovalues",
@@ -168,8 +169,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--up",
         choices=("y", "z"),
-        help="axis that points up: y, the eye starting on +z (default), or z, the eye starting on -y, which is a "
-        "patient's front in scans",
+        help="axis that points up: y, the eye starting on +z, or z, the eye starting on -y, which is a patient's "
+        "front (default z for NIfTI, MetaImage, DICOM and NRRD with an anatomical space, else y)",
     )
     group.add_argument(
         "--zoom",

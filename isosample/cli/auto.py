@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,7 @@ def _estimate(
         quality=quality,
         raycast=raycast_settings_of(args),
         among=left,
+        spent_seconds=time.process_time(),
     )
     _tell(args, found.to_dict())
     return Opened(volume, tf, origin, found.macrocells)

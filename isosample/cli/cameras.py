@@ -31,7 +31,7 @@ def camera_of(args: argparse.Namespace) -> Camera | None:
 
 def orbit(args: argparse.Namespace, box: Box, **instead: float) -> Camera:
     """Return a camera about a box, from those of the options that are given, or the numbers `instead` of them."""
-    from isosample.rendering.camera import Camera, Projection, UpAxis
+    from isosample.rendering.camera import Camera, Projection, UpAxis, default_up
 
     width, height = args.size
     given: dict[str, Any] = {
@@ -40,6 +40,6 @@ def orbit(args: argparse.Namespace, box: Box, **instead: float) -> Camera:
     given |= instead
     if "projection" in given:
         given["projection"] = Projection(given["projection"])
-    if "up" in given:
-        given["up_axis"] = UpAxis(given.pop("up"))
+    up = given.pop("up", None)
+    given["up_axis"] = default_up(box) if up is None else UpAxis(up)
     return Camera.orbit(box, aspect=width / height, **given)

@@ -90,7 +90,7 @@ def make(
     took["sample"] = time.perf_counter() - start
     tf = transfer_function(subject, volume)
     cache = folder / f"{subject.name}_meshes"
-    extraction = precompute(volume, tf, cache, took, progress)
+    extraction = precompute(volume, tf, subject.per_slope, cache, took, progress)
     start = time.perf_counter()
     scene = load_cache(cache)  # from here on the volume is not needed
     took["load cache"] = time.perf_counter() - start
@@ -111,7 +111,12 @@ def make(
 
 
 def precompute(
-    volume: Volume, tf: TransferFunction, cache: Path, took: dict[str, float], progress: Progress
+    volume: Volume,
+    tf: TransferFunction,
+    per_slope: int,
+    cache: Path,
+    took: dict[str, float],
+    progress: Progress,
 ) -> dict[str, int]:
     """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
     from isosample.rendering.preparation import prepare_surfaces
@@ -120,7 +125,7 @@ def precompute(
     from isosample.surfaces.cache_folders import folder_bytes
 
     surfaces, plan, seconds, _ = prepare_surfaces(
-        volume, tf, Quality(lit=True), cache=cache, progress=progress
+        volume, tf, Quality(per_slope=per_slope, lit=True), cache=cache, progress=progress
     )
     took |= seconds
     start = time.perf_counter()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from isosample.defaults import DEFAULT_PER_SLOPE
+
 if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
     from isosample.transfer.transfer_function import TransferFunction
@@ -28,6 +30,7 @@ class Subject:
     azimuth: float
     elevation: float
     zoom: float
+    per_slope: int = DEFAULT_PER_SLOPE  # light shows rings in a slope with too few
 
 
 BLUE, TEAL, GOLD, RED = (0.05, 0.2, 1.0), (0.05, 0.75, 0.7), (1.0, 0.65, 0.1), (1.0, 0.25, 0.08)
@@ -45,6 +48,7 @@ SUBJECTS = (
         azimuth=35.0,
         elevation=25.0,
         zoom=1.45,
+        per_slope=13,
     ),
     Subject(
         name="nucleon",

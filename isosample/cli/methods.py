@@ -27,7 +27,6 @@ STEP_OPTIONS = ("step", "sampling", "pixel_scale", "adaptive", "jitter")  # a to
 SURFACE_OPTIONS = {  # with their defaults
     "cache": None,
     "per_slope": None,
-    "tolerance": None,
     "max_isovalues": None,
     "refine": arguments.UNSET,
     "plan": False,
@@ -85,11 +84,13 @@ def check_method(args: argparse.Namespace) -> None:
         Of `isosample render`.
     """
     if args.method == AUTO:
+        check_tolerance(args)
         methods_left(args)
         _check_needs(args)
         return
     if args.method != DATA_CENTRIC:
         _refuse_surface_options(args)
+        check_tolerance(args)
     if args.method == REFERENCE and args.stage != "auto":
         raise InputError(
             f"--stage {args.stage} is about OpenGL, and --method reference has none; leave it out."
@@ -109,16 +110,8 @@ def methods_left(args: argparse.Namespace) -> list[str]:
         If there are none; two options that no method has both are named.
     """
     left = list(CHOSEN_FROM)
-    placed = [name for name in STEP_OPTIONS if getattr(args, name) is not None]
-    if args.tolerance is not None and placed:
-        raise InputError(
-            f"--tolerance {args.tolerance:g} and {option(placed[0])} both decide about the samples; leave out one of "
-            "them."
-        )
     given: list[tuple[str, tuple[str, ...]]] = [
-        (name, (DATA_CENTRIC,))
-        for name, default in SURFACE_OPTIONS.items()
-        if name != "tolerance" and getattr(args, name) != default
+        (name, (DATA_CENTRIC,)) for name, default in SURFACE_OPTIONS.items() if getattr(args, name) != default
     ]
     given += [(name, owners) for name, owners in RAYCAST_OPTIONS.items() if getattr(args, name) is not None]
     for name, owners in given:
@@ -133,6 +126,38 @@ def methods_left(args: argparse.Namespace) -> list[str]:
             )
         left = fitting
     return left
+
+
+def check_tolerance(args: argparse.Namespace) -> None:
+    """Raise `InputError` for a tolerance that a method without isosurfaces cannot search for, with the reason."""
+    if args.tolerance is None:
+        return
+    given = f"--tolerance {args.tolerance:g}"
+    if args.method == REFERENCE:
+        raise InputError(
+            f"{given} is what pictures may err from --method reference, which is exact to 1e-10 and has neither "
+            "isovalues nor steps to search for; leave it out."
+        )
+    placed = [name for name in STEP_OPTIONS if getattr(args, name) is not None]
+    if placed:
+        raise InputError(
+            f"{given} and {option(placed[0])} both decide about the samples; leave out one of them."
+        )
+    if args.method not in (PEAK_FINDING, AUTO) or args.peak_mode == "dvr-only":
+        return
+    if args.peak_mode is not None and args.peak_mode != "both":
+        raise InputError(
+            f"{given} is measured against the whole integral, and --peak-mode {args.peak_mode} leaves parts of it out; "
+            "leave out one of them."
+        )
+    weight = args.peak_weight or (
+        "integral" if args.method == AUTO else "paper"
+    )  # what the methods begin with
+    if weight == "paper":
+        raise InputError(
+            f"{given} cannot be searched for with --peak-weight paper: the paper's weights do not converge to the "
+            "integral, however short the steps; add --peak-weight integral (and --crossings exact), or leave it out."
+        )
 
 
 def _check_needs(args: argparse.Namespace) -> None:

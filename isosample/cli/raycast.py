@@ -57,7 +57,7 @@ def run_raycast(
         macrocells = opened.macrocells
     more: dict[str, Any] = {"source": str(args.source), "transfer_function": origin} | choice_statistics(args)
     fields: dict[str, str] = {}
-    if args.tolerance is not None:  # of an automatic choice
+    if args.tolerance is not None:
         raycast, report = _step_for(args, volume, tf, raycast)
         more["tolerance"], fields["tolerance"] = report, step_line(report)
     prepared = partial(RayCaster, volume, tf, raycast=raycast, nan_masked=masked, macrocells=macrocells)
@@ -153,10 +153,14 @@ def _step_for(
 
 def step_line(report: dict[str, Any]) -> str:
     """What a search for a step found."""
-    verdict = "reached" if report["missed"] is None else f"NOT reached, {report['missed']}"
+    if report["missed"] is None:
+        verdict = "reached"
+    else:
+        tried = [one["step"] for one in report["rounds"]]
+        verdict = f"NOT reached with any of {len(tried)} steps of {max(tried):.3g} to {min(tried):.3g} voxels"
     return (
         f"{report['tolerance']:.3g}: {verdict}; with steps of {report['step']:.3g} voxels all but 0.1 % of the pixels "
-        f"of {len(report['views'])} views err less than {report['reached']:.2g}"
+        f"of {len(report['views'])} views err less than {report['reached']:.2g}, measured against the reference"
     )
 
 

@@ -39,7 +39,7 @@ def _add_sampling_options(group: argparse._ArgumentGroup) -> None:
         type=values.step,
         metavar="VOXELS",
         help="distance between samples, in voxels of the smallest spacing, as a number or a fraction such as 1/4 "
-        f"(default {DEFAULT_STEP:g})",
+        f"(default {DEFAULT_STEP:g}, or what --tolerance finds)",
     )
     group.add_argument(
         "--sampling",

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli.console import say, say_fields, seconds
-from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES
+from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES, SHOWN_QUANTILE
 from isosample.errors import UnrepairedError
-from isosample.wording import thousands
+from isosample.wording import counted, percentage, thousands
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from isosample.cli.scenes import PreparedScene
@@ -24,14 +25,14 @@ if TYPE_CHECKING:
     from isosample.volume.grid import Volume
     from isosample.volume.reconstruction import Reconstruction
 
-FLAWS = {  # statistics that are 0 in a picture without flaws, and what more means
-    "band_violations": "{} crossings did not continue the course of the data on their rays; what was missing was put "
-    "in between, and the picture may be slightly off there",
-    "unrepaired_pixels": "{} pixels lack a crossing whose place nothing tells; they were drawn by a guess "
-    "(--strict makes them an error)",
-    "saturated_segments": "{} segments have an opacity above 1 by the first-order formula, which was cut to 1; more "
-    "isovalues per slope (--per-slope) make them shorter",
-}
+# Statistics that are 0 in a picture without flaws.
+FLAWS = ("band_violations", "repaired_pixels", "unrepaired_pixels", "saturated_segments")
+MANY_REPAIRED = 1.0 - SHOWN_QUANTILE  # of the pixels: more than what errors and tolerances leave out
+CURES = (
+    f"errors of {100 * SHOWN_QUANTILE:.4g} % of the pixels leave out fewer; the picture may be visibly off, as noise "
+    "makes it: refine the meshes (--refine auto; --tolerance measures the error, too), smooth the volume (isosample "
+    "filter), or let --method auto look for a method without isosurfaces"
+)
 
 
 def check_strict(stats: dict[str, Any]) -> None:
@@ -40,8 +41,8 @@ def check_strict(stats: dict[str, Any]) -> None:
     if pixels:
         raise UnrepairedError(
             f"{pixels} pixels lack a crossing whose place nothing tells, and --strict is given; no picture is "
-            "written. More isovalues (--per-slope) or finer meshes (--refine) may cure it; without --strict the "
-            "pixels are drawn by a guess."
+            "written. Finer meshes (--refine) or a smoother volume (isosample filter) may cure it; without --strict "
+            "the pixels are drawn by a guess."
         )
 
 
@@ -54,9 +55,39 @@ def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     views = len(report["views"])
     return {
         "tolerance": f"{report['tolerance']:.3g}: {verdict}; all but 0.1 % of the pixels of {views} views, unlit, "
-        f"err less than {report['reached']:.2g}",
+        f"err less than {report['reached']:.2g}, measured against the reference",
         "plan": report["reason"],
     }
+
+
+def say_flaws(stats: Mapping[str, int], pixels: int) -> None:
+    """Tell what is wrong with a picture or a film, how much of it, and what cures it where that is more than a little.
+
+    Parameters
+    ----------
+    stats : mapping of str to int
+        With `FLAWS`; those of another method have none of them.
+    pixels : int
+        Of all pictures.
+    """
+    if stats.get("band_violations"):
+        share = stats["repaired_pixels"] / pixels
+        told = (
+            f"{counted(stats['band_violations'], 'crossing')} on the rays of {percentage(share)} of the pixels did not "
+            "continue the course of the data; what was missing was put in between"
+        )
+        if stats["unrepaired_pixels"]:
+            told += (
+                f", for {counted(stats['unrepaired_pixels'], 'pixel')} by a guess, as nothing tells the place "
+                "(--strict makes that an error)"
+            )
+        say(told)
+        say(CURES if share > MANY_REPAIRED else "the picture may be slightly off there")
+    if stats.get("saturated_segments"):
+        say(
+            f"{counted(stats['saturated_segments'], 'segment')} with an opacity above 1 by the first-order formula, "
+            "which was cut to 1; more isovalues per slope (--per-slope) make them shorter"
+        )
 
 
 def details_field(surfaces: SurfaceSet | StoredSurfaces) -> dict[str, str]:
@@ -102,9 +133,7 @@ def summarise(
             f"{distance:.2g} voxel (rms) from the "
             f"isosurfaces, not within {AUTO_DISTANCE:g}; isosample filter smooths what bends so much"
         )
-    for name, meaning in FLAWS.items():
-        if stats[name]:
-            say(meaning.format(thousands(stats[name])))
+    say_flaws(stats, width * height)
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
 
@@ -194,8 +223,9 @@ def _isovalues(count: int, scene: PreparedScene) -> str:
 def error_line(errors: dict[str, float]) -> str:
     """The 99.9 percentiles of an error map."""
     return (
-        f"99.9 % of the pixels: |cubic - linear| below {errors['indicator']:.2g}, mesh about {errors['mesh']:.2g}, "
-        f"guaranteed with exact crossings, unlit: {errors['interval']:.2g}"
+        "not measured, 99.9 % of the pixels: estimates that mostly exceed the error, |cubic - linear| below "
+        f"{errors['indicator']:.2g}, mesh about {errors['mesh']:.2g}; bound with exact crossings, "
+        f"unlit, which is not tight: {errors['interval']:.2g}"
     )
 
 

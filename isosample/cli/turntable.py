@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say, say_fields, seconds
 from isosample.cli.outputs import check_suffix, write_json
-from isosample.cli.summary import FLAWS, check_strict
+from isosample.cli.summary import FLAWS, check_strict, say_flaws
 from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES
 from isosample.errors import InputError
-from isosample.wording import counted, thousands
+from isosample.wording import counted
 
 if TYPE_CHECKING:
     import argparse
@@ -175,9 +175,7 @@ def run_turntable(
         film_stats["cameras"] = [camera.to_dict() for camera in cameras]
         write_json(args.stats, images[0] | flaws | {"turntable": film_stats} | dict(more))
     _summarise(args, film.paths, log, fields, images[0]["method"])
-    for name, meaning in FLAWS.items():
-        if flaws.get(name):
-            say(meaning.format(thousands(flaws[name])))
+    say_flaws(flaws, args.size[0] * args.size[1] * len(images))
     stale = _numbered_besides(film.paths)
     if stale:
         say(f"{len(stale)} files of another film remain: {stale[0]} to {stale[-1].name}")

@@ -220,6 +220,7 @@ class ABuffer:
         )
         statistics.band_violations += int(counters["band_violations"])
         statistics.reordered_fragments += int(counters["reordered_fragments"])
+        statistics.repaired_pixels += int(counters["repaired_pixels"])
         statistics.unrepaired_pixels += int(counters["unrepaired_pixels"])
         statistics.saturated_segments += int(counters["saturated_segments"])
         statistics.terminated_rays += int(counters["terminated_rays"])

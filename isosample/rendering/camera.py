@@ -192,8 +192,11 @@ class Camera:
 
     @classmethod
     def default(cls, box: Box, size: tuple[int, int]) -> Camera:
-        """Camera of a picture of (width, height) pixels for which none is given: `orbit` from the front."""
-        return cls.orbit(box, aspect=size[0] / size[1])
+        """Camera of a picture of (width, height) pixels for which none is given: `orbit` from the front.
+
+        Where the box is in patient axes, that is the patient's front, head up.
+        """
+        return cls.orbit(box, aspect=size[0] / size[1], up_axis=default_up(box))
 
     def rays(self, aspect: float) -> Rays:
         """Rays of this camera for a picture of width / height = `aspect`."""
@@ -266,6 +269,11 @@ class Camera:
         except (ValueError, RecursionError) as error:
             raise InputError(f"camera file {path} is not JSON: {error}.") from error
         return cls.from_dict(entries, source=str(path))
+
+
+def default_up(box: Box) -> UpAxis:
+    """Return the axis that points up where nothing is said about it: z in patient axes, else y."""
+    return UpAxis.Z if box.patient_axes else UpAxis.Y
 
 
 def _orbit_frame(azimuth: float, elevation: float) -> tuple[F64, F64]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from isosample.rendering.scene_load import SceneLoad
+    from isosample.volume.grid import Volume
 
 # What the seconds of a stage go with; `start` is what every picture costs. The names are those of `SceneLoad`.
 FEATURES: dict[str, tuple[str, ...]] = {
@@ -53,17 +55,36 @@ class CostEstimate:
     frame_seconds : float
         Of every frame.
     frames : int
+    read_seconds : float
+        Of reading and decoding the samples once more, where they stay in their file.
+    spent_seconds : float
+        Before: start-up, reading, and choosing the method.
     """
 
     method: str
     prepare_seconds: float
     frame_seconds: float
     frames: int
+    read_seconds: float = 0.0
+    spent_seconds: float = 0.0
 
     @property
     def total_seconds(self) -> float:
-        """Of all frames with the preparation."""
-        return self.prepare_seconds + self.frames * self.frame_seconds
+        """Of all frames with the preparation, and of what comes before."""
+        return (
+            self.spent_seconds + self.read_seconds + self.prepare_seconds + self.frames * self.frame_seconds
+        )
+
+    def to_dict(self) -> dict[str, float]:
+        """All of it, JSON-ready."""
+        return {
+            "spent": self.spent_seconds,
+            "read": self.read_seconds,
+            "prepare": self.prepare_seconds,
+            "frame": self.frame_seconds,
+            "frames": self.frames,
+            "total": self.total_seconds,
+        }
 
 
 def estimate_cost(
@@ -155,6 +176,15 @@ def after_search(one: CostEstimate, needs: Mapping[str, float]) -> CostEstimate:
     """An estimate with the search for a tolerance in its preparation."""
     search = needs["surface_search" if one.method == DATA_CENTRIC else "ray_search"]
     return dataclasses.replace(one, prepare_seconds=one.prepare_seconds + search)
+
+
+def seconds_to_read(volume: Volume) -> float:
+    """Processor seconds that reading and decoding all samples takes, from a block of them; 0 for those in memory."""
+    if not volume.stays_in_file:
+        return 0.0
+    begun = time.process_time()
+    block = next(volume.blocks())
+    return (time.process_time() - begun) * volume.array.size / block.size
 
 
 def origin_of_costs(*, software: bool) -> str:

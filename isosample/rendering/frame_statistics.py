@@ -22,6 +22,8 @@ class FrameStatistics:
         between.
     reordered_fragments : int
         Crossings out of the order of the levels on rays whose crossings add up: meshes cut each other there.
+    repaired_pixels : int
+        Pixels of these rays.
     unrepaired_pixels : int
         Pixels with a lost crossing whose place nothing tells: it was put in by a guess.
     saturated_segments : int
@@ -54,6 +56,7 @@ class FrameStatistics:
     max_depth_complexity: int = 0
     band_violations: int = 0
     reordered_fragments: int = 0
+    repaired_pixels: int = 0
     unrepaired_pixels: int = 0
     saturated_segments: int = 0
     terminated_rays: int = 0

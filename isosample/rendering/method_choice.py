@@ -16,6 +16,7 @@ from isosample.rendering.cost_estimate import (
     costs_of,
     estimate_cost,
     origin_of_costs,
+    seconds_to_read,
     tolerance_needs,
     with_tolerance,
 )
@@ -27,6 +28,7 @@ from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.isovalue_plan import Reason
 from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.reconstruction import GridSpline
+from isosample.wording import duration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +60,7 @@ class MethodChoice:
     measured : str
         Where the seconds per unit of work come from.
     estimate_seconds : float
-        That the choice itself took.
+        Processor time that the choice itself took.
     """
 
     method: str
@@ -74,15 +76,7 @@ class MethodChoice:
         return {
             "method": self.method,
             "reason": self.reason,
-            "estimated_seconds": {
-                one.method: {
-                    "prepare": one.prepare_seconds,
-                    "frame": one.frame_seconds,
-                    "frames": one.frames,
-                    "total": one.total_seconds,
-                }
-                for one in self.estimates
-            },
+            "estimated_seconds": {one.method: one.to_dict() for one in self.estimates},
             "load": self.load.to_dict(),
             "measured": self.measured,
             "estimate_seconds": self.estimate_seconds,
@@ -100,6 +94,7 @@ def choose_method(
     raycast: RaycastSettings | None = None,
     among: Sequence[str] = CHOSEN_FROM,
     software: bool | None = None,
+    spent_seconds: float = 0.0,
 ) -> MethodChoice:
     """Choose the method that is expected to take the least time for all frames with their preparation.
 
@@ -108,7 +103,7 @@ def choose_method(
     volume : Volume
     transfer_function : TransferFunction
     cameras : sequence of Camera, optional
-        One per frame; `Camera.orbit(volume.box)` by default.
+        One per frame; `Camera.default(volume.box, size)` by default: from the front.
     size : (width, height)
         Pixels.
     settings : RenderSettings, optional
@@ -121,6 +116,8 @@ def choose_method(
         function has isosurfaces or peaks too narrow for samples, else pre-integration.
     software : bool, optional
         Whether OpenGL runs on the processor; None: ask the driver.
+    spent_seconds : float
+        That the job has taken so far, for the estimates of the whole: start-up and reading.
 
     Returns
     -------
@@ -140,8 +137,10 @@ def choose_method(
 
     The load (triangles, fragments, samples and so on) is estimated from bounds of the field, a sample of its cells
     and some rays through a coarse grid of densities; seconds are sums of coefficients times these numbers.
+    What was spent before, with the choice itself (processor time), and the reading of samples that stay in their file
+    (once more by either method, at the rate of a block that is read for it) come on top.
     """
-    started = time.perf_counter()
+    started = time.process_time()
     check_size(size)
     settings, quality = settings or RenderSettings(), quality or Quality()
     if settings.material is not None:
@@ -171,6 +170,11 @@ def choose_method(
     ]
     if needs is not None:
         found = [after_search(one, needs) for one in found]
+    read_again = seconds_to_read(volume)
+    took = time.process_time() - started
+    found = [
+        dataclasses.replace(one, read_seconds=read_again, spent_seconds=spent_seconds + took) for one in found
+    ]
     estimates = tuple(sorted(found, key=lambda one: one.total_seconds))
     return MethodChoice(
         method=estimates[0].method,
@@ -179,7 +183,7 @@ def choose_method(
         load=load,
         macrocells=estimator.macrocells,
         measured=origin_of_costs(software=on_processor),
-        estimate_seconds=time.perf_counter() - started,
+        estimate_seconds=took,
     )
 
 
@@ -227,5 +231,8 @@ def _reason(estimates: Sequence[CostEstimate], among: Sequence[str]) -> str:
             if len(among) == 1
             else f"{first.method} suits the options"
         )
-    told = " against ".join(f"{one.total_seconds:.2g} s by {one.method}" for one in estimates)
-    return f"{told} are estimated for {frames} with the preparation"
+    told = " against ".join(f"{duration(one.total_seconds)} by {one.method}" for one in estimates)
+    return (
+        f"{told} are estimated for {frames} with everything before, of which {duration(first.spent_seconds)} are spent "
+        "(start-up, reading, this choice)"
+    )

@@ -57,7 +57,7 @@ def render(
     transfer_function : TransferFunction, optional
         `TransferFunction.suggest(volume)` by default.
     camera : Camera, optional
-        `Camera.orbit(volume.box)` by default.
+        `Camera.default(volume.box, size)` by default: from the front.
     size : (width, height)
         Pixels.
     per_slope : int, optional

@@ -48,7 +48,7 @@ def render_reference(
     volume : Volume
     transfer_function : TransferFunction
     camera : Camera, optional
-        `Camera.orbit(volume.box)` by default.
+        `Camera.default(volume.box, size)` by default: from the front.
     size : (width, height)
         Pixels; rays go through their centres.
     settings : RenderSettings, optional

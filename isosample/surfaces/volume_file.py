@@ -29,7 +29,9 @@ def content_hash(volume: Volume, scan: BrickScan | None = None) -> str:
     """
     if scan is None or scan.brick_cells != BRICK_CELLS:
         scan = scan_volume(volume)
-    return digest_of({"geometry": volume.geometry.to_dict(), "samples": scan.content})
+    placement = volume.geometry.to_dict()
+    placement.pop("patient_axes", None)  # what the axes are called moves no sample
+    return digest_of({"geometry": placement, "samples": scan.content})
 
 
 def claim_folder(folder: Path, geometry: GridGeometry, content_hash: str, name: str) -> None:

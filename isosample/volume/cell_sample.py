@@ -9,13 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from isosample.volume.lazy import lazily
+from isosample.volume.lazy import chunks_of, lazily
 
 if TYPE_CHECKING:
-    from isosample.volume.grid import F64, Volume
+    from collections.abc import Iterator
+
+    from isosample.volume.grid import F64, SampleArray, Volume
 
 NODE = 0.5 - 0.5 / 3.0**0.5
 GAUSS = np.array([[1.0 - NODE, NODE], [NODE, 1.0 - NODE]])  # two nodes: exact for squares of linear functions
+SLAB_BYTES = 256 << 20  # most of a chunked file that is decoded at once
 CELLS = 100_000  # counts of cells are then known to a few percent
 
 
@@ -47,11 +50,24 @@ def sample_cells(volume: Volume, most: int = CELLS) -> CellSample:
     stride = max(1, math.floor((math.prod(counts) / most) ** (1.0 / 3.0)))
     while math.prod(-(-count // stride) for count in counts) > 2 * most:
         stride += 1
-    samples = lazily(volume.array)
-    rows = [_slice(samples[z : z + 2], z, stride, volume) for z in range(0, counts[0], stride)]
+    rows = [_slice(pair, z, stride, volume) for z, pair in _pairs(volume, range(0, counts[0], stride))]
     centre, low, high, slope = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     looked_at = math.prod(-(-count // stride) for count in counts)
     return CellSample(centre, low, high, slope, math.prod(counts) / looked_at)
+
+
+def _pairs(volume: Volume, starts: range) -> Iterator[tuple[int, SampleArray]]:
+    """Yield pairs of neighbouring slices from every start on; what a chunked file decodes together is read once."""
+    samples = lazily(volume.array)
+    depth, (count, *edges) = chunks_of(samples)[0], samples.shape
+    if depth * math.prod(edges) * samples.dtype.itemsize > SLAB_BYTES:
+        depth = 1
+    first = last = 0
+    for z in starts:
+        if min(z + 2, count) > last:
+            first, last = z, min(((z + 1) // depth + 1) * depth, count)
+            held = samples[first:last]
+        yield z, held[z - first : z - first + 2]
 
 
 def _slice(pair: npt.ArrayLike, z: int, stride: int, volume: Volume) -> tuple[F64, F64, F64, F64]:

@@ -28,10 +28,13 @@ class Box:
         World position of the first sample.
     edges : (3, 3) float64
         Row `a` is the edge along index axis `a` (x, y, z), from the first to the last sample.
+    patient_axes : bool
+        As of `GridGeometry`.
     """
 
     corner: F64
     edges: F64
+    patient_axes: bool = False
 
     @property
     def centre(self) -> F64:
@@ -65,6 +68,8 @@ class GridGeometry:
         World position of the first sample.
     direction : (3, 3) float64
         Orthonormal, of either handedness; column `a` is the world direction of index axis `a` (x, y, z).
+    patient_axes : bool
+        Whether the world's axes are a patient's: x to the left, y to the back, z to the head (LPS).
 
     Raises
     ------
@@ -76,6 +81,7 @@ class GridGeometry:
     spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: F64 = field(default_factory=lambda: np.eye(3))
+    patient_axes: bool = False
 
     def __post_init__(self) -> None:
         size = _three_floats(self.size_xyz, "size_xyz")
@@ -121,7 +127,11 @@ class GridGeometry:
         """The oriented box from the first to the last sample [world]."""
         last_index = np.array(self.size_xyz, dtype=np.float64) - 1
         edges: F64 = (self.world_from_index[:3, :3] * last_index).T
-        return Box(corner=np.asarray(self.origin, dtype=np.float64), edges=np.ascontiguousarray(edges))
+        return Box(
+            corner=np.asarray(self.origin, dtype=np.float64),
+            edges=np.ascontiguousarray(edges),
+            patient_axes=self.patient_axes,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers, ready for JSON; `from_dict` gives the same geometry back, bit for bit."""
@@ -130,6 +140,7 @@ class GridGeometry:
             "spacing": list(self.spacing),
             "origin": list(self.origin),
             "direction": self.direction.tolist(),
+            **({"patient_axes": True} if self.patient_axes else {}),
         }
 
     @classmethod
@@ -142,7 +153,7 @@ class GridGeometry:
             If an entry is missing, unknown, or not what the constructor accepts.
         """
         expected = {"size_xyz", "spacing", "origin", "direction"}
-        if set(entries) != expected:
+        if set(entries) - {"patient_axes"} != expected:
             raise InputError(
                 f"a grid geometry has the entries {sorted(expected)}, got {sorted(entries)}. "
                 "Write it with GridGeometry.to_dict()."

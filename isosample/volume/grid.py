@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -43,6 +43,8 @@ class Volume:
         Orthonormal; column `a` is the world direction of index axis `a` (x, y, z).
     name : str
         Used in messages and picture titles.
+    patient_axes : bool
+        Whether the world's axes are a patient's, so that pictures begin at the front, head up; see `GridGeometry`.
 
     Attributes
     ----------
@@ -66,6 +68,7 @@ class Volume:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: F64 = field(default_factory=lambda: np.eye(3))
     name: str = "array"
+    patient_axes: bool = False
     geometry: GridGeometry = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -90,7 +93,11 @@ class Volume:
         if 0 in array.shape:
             raise InputError(f"{self.name} has shape {array.shape}; every axis needs at least one sample.")
         geometry = GridGeometry(
-            size_xyz=array.shape[::-1], spacing=self.spacing, origin=self.origin, direction=self.direction
+            size_xyz=array.shape[::-1],
+            spacing=self.spacing,
+            origin=self.origin,
+            direction=self.direction,
+            patient_axes=self.patient_axes,
         )
         object.__setattr__(self, "geometry", geometry)
         for name in ("spacing", "origin", "direction"):
@@ -176,7 +183,7 @@ class Volume:
         """Return the same volume with its samples in memory, in their own type; memory-mapped ones stay mapped."""
         if not isinstance(self.array, LazySamples):
             return self
-        loaded = Volume(np.asarray(self.array), self.spacing, self.origin, self.direction, self.name)
+        loaded = replace(self, array=np.asarray(self.array))
         known = {name: vars(self)[name] for name in ("value_range", "nonfinite_counts") if name in vars(self)}
         vars(loaded).update(known)
         return loaded

@@ -12,7 +12,7 @@ import numpy as np
 from isosample.defaults import VOLUME_SUFFIXES
 from isosample.errors import InputError
 from isosample.files import replacing, write_array
-from isosample.volume.readers.itk import itk_reason, quiet_standard_error, simpleitk
+from isosample.volume.readers.itk import NRRD_SPACE, itk_reason, quiet_standard_error, simpleitk
 from isosample.volume.readers.layouts import is_gzip, nifti_header
 from isosample.volume.readers.samples import inflated_length
 
@@ -61,7 +61,8 @@ def save_volume(volume: Volume, path: Path) -> None:
     volume : Volume
     path : Path
         Ends in one of `isosample.defaults.VOLUME_SUFFIXES`. NRRD, NIfTI and MetaImage keep spacing, origin and
-        direction (NIfTI in float32); a numpy file holds the samples alone.
+        direction (NIfTI in float32), NRRD also whether the axes are a patient's, which the other two always mean; a
+        numpy file holds the samples alone.
 
     Raises
     ------
@@ -82,6 +83,8 @@ def save_volume(volume: Volume, path: Path) -> None:
     image.SetSpacing(volume.spacing)
     image.SetOrigin(volume.origin)
     image.SetDirection(volume.direction.ravel().tolist())
+    if not volume.patient_axes:
+        image.SetMetaData(NRRD_SPACE, "3D-right-handed")  # ITK would name an anatomical space
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".") as folder:
             whole = Path(folder) / f"volume{suffix}"

@@ -72,6 +72,7 @@ struct Counters {
     uint max_depth_complexity;           // longest list
     uint band_violations;                // fragments that do not continue the walk of a ray that is not balanced
     uint reordered_fragments;            // fragments of balanced rays that do not stand in the order of the levels
+    uint repaired_pixels;                // rays with such fragments
     uint unrepaired_pixels;              // rays with a lost crossing whose place nothing tells
     uint unfinished_rays;                // walks that the driver ended before their list did: 0, or there is no picture
     uint saturated_segments;             // segments whose first-order opacity was above 1 (--segment constant, first order)

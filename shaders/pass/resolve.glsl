@@ -33,7 +33,10 @@ vec4 resolve_pixel(ivec2 pixel, uint head, uint length) {
         walk_list(head, length, in_array, first, last);
     }
     count_list(length);
-    if (walk.violations > 0u) atomicAdd(counters.band_violations, walk.violations);
+    if (walk.violations > 0u) {
+        atomicAdd(counters.band_violations, walk.violations);
+        atomicAdd(counters.repaired_pixels, 1u);
+    }
     if (walk.reordered > 0u) atomicAdd(counters.reordered_fragments, walk.reordered);
     if (walk.unplaced > 0u) atomicAdd(counters.unrepaired_pixels, 1u);
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);

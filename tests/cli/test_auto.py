@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from cli.harness import TF, Run, content, write_json
 from isosample.rendering import method_costs
 from isosample.volume import macrocells
+from isosample.wording import duration
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -100,7 +102,32 @@ def test_a_film_shares_the_preparation(run: Run, monkeypatch: pytest.MonkeyPatch
     assert choice()["method"] == "pre-integrated"  # 4 s against 11 s
     assert run(f"{AUTO} --turntable 4").status == 0
     assert choice()["method"] == "data-centric"  # 16 s against 14 s
-    assert choice()["estimated_seconds"]["data-centric"]["total"] == 14.0
+    told = choice()["estimated_seconds"]["data-centric"]
+    assert told["total"] == pytest.approx(told["spent"] + 10.0 + 4 * 1.0)
+    assert (told["read"], told["frames"]) == (0.0, 4)
+
+
+def test_the_estimate_holds_what_was_spent_before_in_words_that_people_read(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costs = {
+        f"{method} {stage}": {"start": seconds}
+        for method, seconds in (("data-centric", 5000.0), ("pre-integrated", 1000.0))
+        for stage in ("prepare", "frame")
+    }
+    monkeypatch.setattr(method_costs, "SOFTWARE", costs | {"factors": {}})
+    before = time.process_time()  # start-up and reading come after, and count with it
+    outcome = run(AUTO)
+    assert outcome.status == 0, outcome.err
+    told = choice()["estimated_seconds"]
+    assert {one["spent"] for one in told.values()} == {told["pre-integrated"]["spent"]}
+    assert before < told["pre-integrated"]["spent"] <= time.process_time()
+    total = told["pre-integrated"]["total"]
+    assert total == pytest.approx(2000.0 + told["pre-integrated"]["spent"])
+    said = f"{duration(total)} by pre-integrated against {duration(told['data-centric']['total'])} by data-centric"
+    assert said in outcome.fields()["method"]
+    assert " min by pre-integrated" in said
+    assert " h by data-centric" in said
 
 
 @pytest.mark.parametrize(

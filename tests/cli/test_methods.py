@@ -59,7 +59,6 @@ MESHES = {
     "--cache meshes",
     "--mesh-budget 1GiB",
     "--per-slope 3",
-    "--tolerance 1/255",
     "--max-isovalues 9",
     "--refine 2",
     "--details 2",
@@ -165,6 +164,29 @@ def test_a_number_out_of_range_is_refused(run: Run, options: str, named: tuple[s
     assert outcome.err.count("\n") == 1
     for part in named:
         assert part in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ("reference", ("neither isovalues nor steps", "exact to 1e-10", "leave it out")),
+        ("peak-finding", ("--peak-weight paper", "do not converge", "--peak-weight integral")),
+        ("peak-finding --peak-weight paper", ("--peak-weight paper", "do not converge")),
+        ("peak-finding --peak-weight integral --peak-mode xor", ("--peak-mode xor", "leave out one")),
+        ("pre-integrated --step 1/4", ("--step", "both decide about the samples", "leave out one")),
+        ("post-classified --adaptive", ("--adaptive", "both decide about the samples")),
+    ],
+)
+def test_a_tolerance_that_cannot_be_searched_for_is_refused_with_the_reason(
+    run: Run, folder: Path, options: str, named: tuple[str, ...]
+) -> None:
+    before = content(folder)
+    outcome = run(f"{RENDER} --tolerance 1/255 --method {options}")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    for part in ("--tolerance", *named):
+        assert part in outcome.err
+    assert content(folder) == before
 
 
 @pytest.mark.parametrize("method", RAYCAST_METHODS)

@@ -202,3 +202,36 @@ def test_masked_samples_are_an_error_unless_they_are_left_out(run: Run) -> None:
     run(f"{RENDER} --method pre-integrated")
     assert np.isfinite(np.load("holed_out.npy")).all()
     assert not np.array_equal(np.load("holed_out.npy"), np.load("out.npy"))
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        "post-classified",
+        "post-classified --quadrature riemann",
+        "pre-integrated",
+        "pre-integrated --integration 1d",
+        "peak-finding --peak-weight integral --crossings exact",
+    ],
+)
+def test_every_method_that_converges_searches_for_the_step_of_a_tolerance(run: Run, method: str) -> None:
+    outcome = run(f"{RENDER} --method {method} --tolerance 1/30 --stats stats.json")
+    assert outcome.status == 0, outcome.err
+    report = json.loads(Path("stats.json").read_text(encoding="utf-8"))["tolerance"]
+    assert (report["tolerance"], report["missed"]) == (1 / 30, None)
+    assert report["reached"] <= 1 / 30
+    assert outcome.fields()["tolerance"].startswith(
+        f"0.0333: reached; with steps of {report['step']:.3g} voxels"
+    )
+    searched = np.load("out.npy")
+    assert run(f"{RENDER} --method {method} --step {report['step']!r}").status == 0
+    np.testing.assert_array_equal(np.load("out.npy"), searched)
+
+
+def test_a_tolerance_that_no_step_reaches_is_reported_with_the_steps_that_were_tried(run: Run) -> None:
+    """Samples do not meet an isosurface, whatever their distance."""
+    write_json(Path("tf.json"), {"isosurfaces": [{"value": 60, "color": [1, 1, 1], "opacity": 0.5}]})
+    outcome = run(f"{RENDER} --method post-classified --tolerance 1/30")
+    assert outcome.status == 0, outcome.err
+    assert "NOT reached with any of " in outcome.fields()["tolerance"]
+    assert "steps of 2 to 0.0" in outcome.fields()["tolerance"]

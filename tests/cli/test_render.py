@@ -6,7 +6,6 @@ import json
 import math
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,8 @@ from cli.test_info import write_turned
 from isosample.cli import build_parser
 from isosample.cli.methods import METHODS
 from isosample.cli.render import settings_of
-from isosample.cli.summary import summarise
+from isosample.cli.summary import say_flaws
+from isosample.wording import percentage, thousands
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -185,12 +185,46 @@ def test_clip_planes_across_the_view_thin_the_slab(run: Run) -> None:
 def test_frame_index_gives_the_picture_of_the_bare_samples(run: Run) -> None:
     pytest.importorskip("SimpleITK")
     write_turned()
-    view = "--tf tf.json --size 24x16 --azimuth 20"
+    view = "--tf tf.json --size 24x16 --azimuth 20 --up y"
     assert run(f"render turned.mha --frame index {view} -o index.npy").status == 0
     assert run(f"render blob.npy --spacing 0.5,1,2 {view} -o bare.npy").status == 0
     assert run(f"render turned.mha {view} -o world.npy").status == 0
     np.testing.assert_array_equal(pixels("index.npy"), pixels("bare.npy"))
     assert not np.array_equal(pixels("index.npy"), pixels("world.npy"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scans_in_patient_axes_are_seen_from_the_front_head_up(run: Run, method: str) -> None:
+    pytest.importorskip("SimpleITK")
+    write_turned()
+    view = f"--tf tf.json --size 24x16 --azimuth 20 --method {method}"
+    pictures = {}
+    for name, source, up in (
+        ("default", "turned.mha", ""),
+        ("z", "turned.mha", "--up z"),
+        ("y", "turned.mha", "--up y"),
+        ("index", "turned.mha --frame index", ""),
+        ("index y", "turned.mha --frame index", "--up y"),
+    ):
+        assert run(f"render {source} {view} {up} -o out.npy").status == 0
+        pictures[name] = pixels()
+    np.testing.assert_array_equal(pictures["default"], pictures["z"])
+    assert not np.array_equal(pictures["default"], pictures["y"])
+    np.testing.assert_array_equal(pictures["index"], pictures["index y"])
+
+
+def test_a_cache_and_a_film_of_a_scan_in_patient_axes_begin_at_its_front(run: Run) -> None:
+    pytest.importorskip("SimpleITK")
+    write_turned()
+    assert run("render turned.mha --tf tf.json --size 24x16 -o volume.npy").status == 0
+    assert run("precompute turned.mha --tf tf.json --cache turned_meshes").status == 0
+    assert run("render turned_meshes --size 24x16 -o cache.npy").status == 0
+    np.testing.assert_array_equal(pixels("cache.npy"), pixels("volume.npy"))
+    assert run("render turned_meshes --size 24x16 --turntable 2 -o film.npy").status == 0
+    np.testing.assert_array_equal(pixels("film-000.npy"), pixels("volume.npy"))
+    volume = isosample.open_volume("turned.mha")
+    image = isosample.render(volume, isosample.TransferFunction.load("tf.json"), size=(24, 16))
+    np.testing.assert_array_equal(image.rgba, pixels("volume.npy"))
 
 
 def test_time_and_channel_choose_the_samples(run: Run) -> None:
@@ -235,21 +269,55 @@ def test_the_summary_tells_segments_that_were_cut(run: Run) -> None:
     cut = run(f"{render} --segment-opacity first-order --stats stats.json")
     count = json.loads(Path("stats.json").read_text())["saturated_segments"]
     assert count > 0
-    assert f"{count} segments have an opacity above 1" in cut.out
+    assert f"{thousands(count)} segments with an opacity above 1" in cut.out
 
 
-def test_the_summary_tells_crossings_that_were_put_in(capfd: pytest.CaptureFixture[str]) -> None:
-    surfaces = SimpleNamespace(statistics=SimpleNamespace(levels_reused=0), details=())
-    plan = SimpleNamespace(isovalues=[1.0], report={})
-    scene: Any = SimpleNamespace(surfaces=surfaces, plan=plan, transfer_function=None, mesh_distance=None)
-    stats = {"size": [2, 2], "isovalues": [1.0], "triangles": {"drawn": 9}, "fragments": 8}
-    stats |= {"max_depth_complexity": 3, "lost_fragments": 0, "saturated_segments": 0, "unrepaired_pixels": 0}
-    stats |= {"skipped": {"chunks_coarser": 0, "chunks_of": 5}, "screen_error": 0.25}
-    for violations in (0, 1234):
-        image = isosample.Image(np.zeros((2, 2, 4), np.float32), stats | {"band_violations": violations})
-        summarise(image, scene, Path("out.png"), 1.0)
-        told = "1 234 crossings did not continue" in capfd.readouterr().out
-        assert told == (violations > 0)
+@pytest.mark.parametrize(
+    ("pixels", "guessed", "named"),
+    [
+        # 1000 x 1000 pixels: a thousandth of them is what errors "of 99.9 % of the pixels" leave out.
+        (16, 0, ("0.0016 % of the pixels", "may be slightly off there")),
+        (1000, 1, ("0.1 % of the pixels", "1 pixel by a guess", "--strict", "may be slightly off there")),
+        (
+            1001,
+            0,
+            (
+                "0.1 % of the pixels",
+                "isosample filter",
+                "--refine",
+                "--tolerance",
+                "--method auto",
+                "visibly off",
+            ),
+        ),
+        (82_000, 9000, ("8.2 % of the pixels", "9 000 pixels by a guess", "isosample filter")),
+    ],
+)
+def test_repaired_crossings_are_told_with_their_share_of_the_picture_and_a_cure_where_it_is_large(
+    capfd: pytest.CaptureFixture[str], pixels: int, guessed: int, named: tuple[str, ...]
+) -> None:
+    stats = {"band_violations": 123_456, "repaired_pixels": pixels, "unrepaired_pixels": guessed}
+    say_flaws(stats, 1000 * 1000)
+    told = capfd.readouterr().out
+    for part in ("123 456 crossings", *named):
+        assert part in told
+    assert ("slightly" in told) != ("isosample filter" in told)
+    assert ("guess" in told) == (guessed > 0)
+    say_flaws(dict.fromkeys(stats, 0), 1000 * 1000)
+    assert capfd.readouterr().out == ""
+
+
+def test_a_noisy_volume_says_how_much_of_its_picture_is_repaired(run: Run) -> None:
+    noise = np.random.default_rng(3).random((12, 12, 12)).astype(np.float32) * 100.0
+    np.save("noise.npy", noise)
+    for film in ("", "--turntable 2"):
+        outcome = run(f"render noise.npy --tf tf.json --size 40x40 {film} --stats stats.json -o out.npy")
+        assert outcome.status == 0, outcome.err
+        stats = json.loads(Path("stats.json").read_text(encoding="utf-8"))
+        assert 0 < stats["unrepaired_pixels"] <= stats["repaired_pixels"] <= stats["band_violations"]
+        share = stats["repaired_pixels"] / (1600 * (2 if film else 1))
+        assert f"on the rays of {percentage(share)} of the pixels" in outcome.out
+        assert "isosample filter" in outcome.out
 
 
 def test_the_reference_is_that_of_the_library_and_close_to_the_picture(run: Run) -> None:

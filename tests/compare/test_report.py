@@ -221,6 +221,22 @@ def test_it_fits_the_screen_and_can_be_read(
 
 
 @needs_chromium
+def test_no_table_scrolls_sideways_on_a_page_of_1200_pixels(page: Page, report: Path) -> None:
+    page.resize(1200, 900)
+    page.open(report / "report.html")
+    # A setting with a longer label than those of this report, as comparisons have them.
+    page.ask(
+        "document.querySelectorAll('tbody th').forEach((one) => { one.lastChild.textContent = 'tolerance 1/255' })"
+    )
+    widths = page.ask(
+        "[...document.querySelectorAll('.scroll')].map((one) => [one.scrollWidth, one.clientWidth])"
+    )
+    assert len(widths) == 5
+    errors = widths[2]  # the one with most columns
+    assert errors[0] <= errors[1]
+
+
+@needs_chromium
 def test_marks_tell_their_values_by_pointer_and_by_keyboard(opened: Page) -> None:
     opened.ask("document.querySelector('.point').focus()")
     told = opened.ask("document.querySelector('.point').dataset.tip")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,6 +42,19 @@ def test_the_orbit_starts_at_the_front_and_turns_right_and_up(
     assert np.allclose(rays.forward, np.negative(outward), atol=1e-15)
     assert np.allclose(rays.span_up / np.linalg.norm(rays.span_up), up, atol=1e-15)
     assert np.allclose(rays.span_right / np.linalg.norm(rays.span_right), right, atol=1e-15)
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_the_default_is_the_front_of_a_patient_head_up_and_given_orbits_stay(patient: bool) -> None:
+    box = replace(BOX, patient_axes=patient)
+    up = UpAxis.Z if patient else UpAxis.Y
+    assert Camera.default(box, (300, 200)) == Camera.orbit(BOX, aspect=1.5, up_axis=up)
+    assert Camera.orbit(box, azimuth=20.0) == Camera.orbit(BOX, azimuth=20.0)
+    if patient:  # LPS: the front is -y, the left side +x, the head +z
+        rays = Camera.default(box, (200, 200)).rays(1.0)
+        assert np.allclose(rays.forward, (0, 1, 0))
+        assert np.allclose(rays.span_up / np.linalg.norm(rays.span_up), (0, 0, 1))
+        assert np.allclose(rays.span_right / np.linalg.norm(rays.span_right), (1, 0, 0))
 
 
 @pytest.mark.parametrize("projection", Projection)

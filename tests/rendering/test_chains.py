@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     import moderngl
 
 ANY_LIST = 1  # sort_capacity: no class of chains is that short
-TOLD = "fragments max_depth_complexity band_violations reordered_fragments unrepaired_pixels terminated_rays "
-TOLD += "saturated_segments"
+TOLD = (
+    "fragments max_depth_complexity band_violations repaired_pixels reordered_fragments unrepaired_pixels "
+    "terminated_rays saturated_segments"
+)
 
 
 def smooth_volume() -> Volume:

@@ -104,6 +104,7 @@ def judged(statistics: FrameStatistics) -> tuple[int, ...]:
     return (
         statistics.band_violations,
         statistics.reordered_fragments,
+        statistics.repaired_pixels,
         statistics.unrepaired_pixels,
         statistics.terminated_rays,
     )

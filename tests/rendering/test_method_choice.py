@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, PEAK_FINDING, PRE_INTEGRATED
 from isosample.errors import InputError
+from isosample.rendering import cost_estimate
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.cost_estimate import FEATURES, costs_of, estimate_cost
 from isosample.rendering.method_choice import choose_method
@@ -24,7 +27,9 @@ from isosample.rendering.settings import ClipPlane, Material, RenderSettings
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.analytic import SphereDistance, nucleon_like, sample_field
+from isosample.volume.cell_sample import sample_cells
 from isosample.volume.grid import Volume
+from isosample.volume.lazy import LazySamples
 from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import ramp_tf
 
@@ -224,3 +229,58 @@ def test_a_longer_step_is_cheaper_for_the_ray_caster_alone() -> None:
 def test_unknown_methods_are_refused(among: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match="data-centric, pre-integrated, peak-finding"):
         choose_method(ball(9), spheres(5.0), among=among, software=True)
+
+
+class Chunked(LazySamples):
+    """Samples in memory that stand for a chunked file, and tell how many slices were decoded."""
+
+    def __init__(self, samples: npt.NDArray[np.float32], chunk: int) -> None:
+        super().__init__(samples.shape, samples.dtype, chunks=(chunk,) * 3)
+        self.samples = samples
+        self.slices_read = 0
+
+    def read(self, block: tuple[slice, slice, slice]) -> npt.NDArray[np.float32]:
+        depth = self.chunks[0]
+        self.slices_read += (-(-block[0].stop // depth) - block[0].start // depth) * depth
+        return self.samples[block].copy()
+
+
+def in_file(samples: Chunked, spacing: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> Volume:
+    return Volume(cast("Any", samples), spacing=spacing)
+
+
+@pytest.mark.parametrize("chunk", [1, 8, 16, 64])
+def test_chunks_are_decoded_once_for_a_sample_of_the_cells(chunk: int) -> None:
+    volume = ball(64)
+    chunked = Chunked(np.asarray(volume.array), chunk)
+    found = sample_cells(in_file(chunked, volume.spacing), 2000)
+    for one, other in zip(found, sample_cells(volume, 2000), strict=True):
+        np.testing.assert_array_equal(one, other)
+    # A pair of slices may lie on both sides of the border of two layers of chunks: these are read once more.
+    assert chunked.slices_read <= 2 * 64
+
+
+def test_samples_that_stay_in_their_file_are_read_once_more() -> None:
+    volume = ball(25)
+    tf = ramp_tf(5.0, 20.0, (0.1, 0.2))
+    chunked = in_file(Chunked(np.asarray(volume.array), 8), volume.spacing)
+    held, lazy = (
+        choose_method(v, tf, size=SIZE, software=True, spent_seconds=100.0).estimates
+        for v in (volume, chunked)
+    )
+    assert all(one.read_seconds == 0.0 for one in held)
+    assert all(one.read_seconds >= 0.0 for one in lazy)
+    for one in (*held, *lazy):
+        assert one.spent_seconds > 100.0
+        parts = one.spent_seconds + one.read_seconds + one.prepare_seconds + one.frame_seconds
+        assert one.total_seconds == pytest.approx(parts)
+
+
+def test_the_seconds_of_reading_go_with_the_number_of_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([10.0, 10.5])
+    volume = ball(49)
+    chunked = in_file(Chunked(np.asarray(volume.array), 7))
+    block = next(chunked.blocks())
+    monkeypatch.setattr(time, "process_time", lambda: next(clock))
+    assert cost_estimate.seconds_to_read(chunked) == 0.5 * 49**3 / block.size
+    assert cost_estimate.seconds_to_read(volume) == 0.0

@@ -190,6 +190,7 @@ def test_every_pixel_is_the_float64_integral_of_its_list(
     assert (expected.rgba[:, 3] > 0.1).mean() > 0.1
     seen = shows_something(surfaces, camera, plane)  # the GPU walks no other ray
     assert statistics.band_violations == expected.violations[seen].sum()
+    assert statistics.repaired_pixels == np.count_nonzero(expected.violations[seen])
     assert statistics.unrepaired_pixels == np.count_nonzero(expected.unplaced[seen])
     assert statistics.reordered_fragments == expected.reordered[seen].sum()
     if (

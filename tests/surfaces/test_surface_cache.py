@@ -191,6 +191,9 @@ def test_the_content_hash_sees_samples_geometry_and_dtype_and_not_the_name() -> 
     plain = content_hash(Volume(samples))
     assert content_hash(Volume(samples, name="other")) == plain
     assert content_hash(Volume(np.asfortranarray(samples))) == plain
+    assert (
+        content_hash(Volume(samples, patient_axes=True)) == plain
+    )  # as caches had it before there was the word
     others = [
         Volume(changed),
         Volume(samples, spacing=(1.0, 1.0, 1.0000000000000002)),

@@ -53,7 +53,9 @@ def test_a_left_handed_direction_is_accepted() -> None:
 def test_a_geometry_survives_json_bit_for_bit(
     spacing: tuple[float, float, float], origin: tuple[float, float, float], size: tuple[int, int, int]
 ) -> None:
-    geometry = GridGeometry(size_xyz=size, spacing=spacing, origin=origin, direction=ROTATION_Z)
+    geometry = GridGeometry(
+        size_xyz=size, spacing=spacing, origin=origin, direction=ROTATION_Z, patient_axes=size[0] > 4
+    )
     copy = GridGeometry.from_dict(json.loads(json.dumps(geometry.to_dict())))
     assert copy == geometry
     assert hash(copy) == hash(geometry)

@@ -106,3 +106,16 @@ def test_a_failure_without_a_reason_of_the_system_is_told_with_that_of_the_libra
     ):
         save_volume(Volume(np.zeros((2, 2, 2))), tmp_path / "out.nrrd")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_an_nrrd_says_whether_its_axes_are_a_patients(tmp_path: Path, patient: bool) -> None:
+    pytest.importorskip("SimpleITK")
+    volume = Volume(
+        np.zeros((3, 4, 5), np.uint8), (1.0, 2.0, 3.0), (3.0, -4.5, 5.0), TURN, patient_axes=patient
+    )
+    save_volume(volume, tmp_path / "scan.nrrd")
+    found = open_volume(tmp_path / "scan.nrrd")
+    assert found.patient_axes == patient
+    assert found.origin == pytest.approx(volume.origin)
+    np.testing.assert_allclose(found.direction, TURN, atol=1e-12)

@@ -89,6 +89,7 @@ def _read_series(sitk: Any, name: str, files: tuple[str, ...], options: ReadOpti
         origin=image.GetOrigin(),
         direction=np.array(image.GetDirection()).reshape(3, 3),
         name=name,
+        patient_axes=True,
     )
 
 

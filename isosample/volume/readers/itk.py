@@ -36,6 +36,12 @@ if TYPE_CHECKING:
     from isosample.volume.grid import SampleArray
 
 
+NRRD_SPACE = "NRRD_space"
+PATIENT_SPACES = (
+    "right-anterior-superior",
+    "left-anterior-superior",
+    "left-posterior-superior",
+)  # ITK makes all LPS
 PIXELS = {
     "i1": "sitkInt8",
     "u1": "sitkUInt8",
@@ -99,7 +105,7 @@ def read_through_itk(
     Returns
     -------
     volume : Volume
-        Origin and direction in the LPS convention.
+        Origin and direction in the LPS convention; `patient_axes` where the file is in patient coordinates.
 
     Raises
     ------
@@ -127,7 +133,14 @@ def read_through_itk(
         origin=reader.GetOrigin()[:3],
         direction=direction[:3, :3],
         name=path.name,
+        patient_axes=_has_patient_axes(reader, kind),
     )
+
+
+def _has_patient_axes(reader: Any, kind: str) -> bool:
+    """Whether a file is in patient coordinates: all NIfTI and MetaImage files, and NRRD files with such a space."""
+    space = reader.GetMetaData(NRRD_SPACE) if reader.HasMetaDataKey(NRRD_SPACE) else ""
+    return kind != "NRRD" or space in PATIENT_SPACES
 
 
 def simpleitk(task: str) -> Any:

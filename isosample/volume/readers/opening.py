@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from isosample.errors import InputError
-from isosample.volume.grid import Volume
 from isosample.volume.readers import dicom, hdf5, itk, npy, raw, tiff, vti, zarr
 from isosample.volume.readers.detect import Format, detect_format
 from isosample.volume.readers.samples import ReadOptions, parse_dtype, parse_shape
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
+
+    from isosample.volume.grid import Volume
 
     Vector = tuple[float, float, float]  # that there are three is for Volume to check
 
@@ -92,7 +94,7 @@ def open_volume(
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
     if spacing is None:
         return volume
-    return Volume(volume.array, cast("Vector", spacing), volume.origin, volume.direction, volume.name)
+    return replace(volume, spacing=cast("Vector", spacing))
 
 
 def _read(path: Path, options: ReadOptions) -> Volume:

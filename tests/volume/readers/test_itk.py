@@ -69,6 +69,35 @@ def test_directions_of_either_handedness_are_kept(
     np.testing.assert_allclose(volume.direction, np.reshape(direction, (3, 3)), atol=1e-6)
 
 
+@pytest.mark.parametrize("name", [*MAPPED, "a.nii.gz"])
+def test_files_in_patient_coordinates_have_patient_axes(tmp_path: Path, name: str) -> None:
+    volume = open_volume(written(tmp_path / name, samples_of("u1")))  # SimpleITK names the space of an NRRD
+    spaced = open_volume(tmp_path / name, spacing=(1, 1, 2))
+    for one in (volume, volume.in_memory(), spaced, spaced.in_memory()):
+        assert one.patient_axes
+        assert one.geometry.patient_axes
+        assert one.box.patient_axes
+    assert not volume.in_index_frame().box.patient_axes
+
+
+@pytest.mark.parametrize(
+    ("placement", "patient"),
+    [
+        ("spacings: 1 1 1", False),
+        ("space dimension: 3\nspace directions: (1,0,0) (0,1,0) (0,0,1)", False),
+        ("space: 3D-right-handed\nspace directions: (1,0,0) (0,1,0) (0,0,1)", False),
+        ("space: right-anterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)", True),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)", True),
+    ],
+)
+def test_an_nrrd_has_patient_axes_where_its_space_is_anatomical(
+    tmp_path: Path, placement: str, patient: bool
+) -> None:
+    header = f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 2 2\n{placement}\nencoding: raw\n\n"
+    (tmp_path / "a.nrrd").write_bytes(header.encode() + bytes(8))
+    assert open_volume(tmp_path / "a.nrrd").patient_axes == patient
+
+
 @pytest.mark.parametrize("name", ["a.nhdr", "a.mhd"])
 def test_a_foreign_byte_order_is_converted(tmp_path: Path, name: str) -> None:
     path = written(tmp_path / name, samples_of("i2"))
