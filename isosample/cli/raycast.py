@@ -160,7 +160,7 @@ def step_line(report: dict[str, Any]) -> str:
         verdict = f"NOT reached with any of {len(tried)} steps of {max(tried):.3g} to {min(tried):.3g} voxels"
     return (
         f"{report['tolerance']:.3g}: {verdict}; with steps of {report['step']:.3g} voxels all but 0.1 % of the pixels "
-        f"of {len(report['views'])} views err less than {report['reached']:.2g}, measured against the reference"
+        f"of {len(report['views'])} views, unlit, err less than {report['reached']:.2g}, measured against the reference"
     )
 
 
