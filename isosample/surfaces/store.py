@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import mmap
 import os
 import stat
 import threading
@@ -24,6 +23,7 @@ from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_folder import CHUNK_FOLDER, CHUNK_SUFFIX, ChunkFolder
 from isosample.surfaces.chunk_header import OtherVersionError
 from isosample.surfaces.chunk_layout import CHUNK_VERSION
+from isosample.surfaces.chunk_reading import TooManyFilesError, chunk_content
 from isosample.surfaces.plain_chunks import PLAIN_MAGIC, decode_plain, encode_plain
 
 if TYPE_CHECKING:
@@ -34,10 +34,6 @@ if TYPE_CHECKING:
     from isosample.surfaces.settings import ExtractionSettings
 
 TOUCH_SECONDS = 60.0  # a chunk whose last use is noted as more recent is not noted again
-MAPPED_BYTES = 1 << 14  # plain chunks of this size or more are mapped
-MOST_MAPPED = (
-    20_000  # by one store: a process may have some 65 thousand mappings, and needs them for memory too
-)
 FULL = (errno.ENOSPC, errno.EDQUOT)
 PRUNE_TO = 0.9  # of the budget: so that not every new chunk makes the store look through the folder
 
@@ -114,7 +110,6 @@ class MeshStore(ChunkFolder):
         super().__init__(folder, read_only=read_only)
         self.plain = plain
         self._chunks = str(folder / CHUNK_FOLDER)
-        self._mapped = 0
         self.budget_bytes = budget_bytes
         self.hits = self.misses = self.written = self.damaged = self.evicted = 0
         self.notes: list[str] = []
@@ -143,7 +138,13 @@ class MeshStore(ChunkFolder):
         return self.get_all([key])[0]
 
     def get_all(self, keys: Sequence[str]) -> list[BrickMesh | None]:
-        """Return meshes as `get` does, decoded together; the arrays of small ones are parts of one array."""
+        """Return meshes as `get` does, decoded together; the arrays of small ones are parts of one array.
+
+        Raises
+        ------
+        TooManyFilesError
+            If a chunk cannot be opened because too many files are open; that says nothing about the chunk.
+        """
         self._used.update(keys)
         found: dict[str, BrickMesh] = {}
         packed: dict[str, bytes] = {}
@@ -151,13 +152,15 @@ class MeshStore(ChunkFolder):
         failed: dict[str, OSError | CacheError] = {}
         for key in keys:
             try:
-                data, changed[key] = self._content(self._file(key))
+                data, changed[key] = chunk_content(self._file(key))
                 if isinstance(data, bytes) and data[: len(PLAIN_MAGIC)] != PLAIN_MAGIC:
                     packed[key] = data
                 else:
                     found[key] = decode_plain(data, name=bytes.fromhex(key))
             except FileNotFoundError:
                 continue
+            except TooManyFilesError:
+                raise
             except (OSError, CacheError) as error:
                 failed[key] = error
         decoded = decode_all(list(packed.values()), [bytes.fromhex(key) for key in packed])
@@ -184,24 +187,6 @@ class MeshStore(ChunkFolder):
         if not self.read_only and time.time() - noted > TOUCH_SECONDS:
             with contextlib.suppress(OSError):  # of another user, or a folder that became read-only
                 os.utime(self._file(key))
-
-    def _content(self, path: str) -> tuple[bytes | mmap.mmap, float]:
-        """Return what a chunk's file holds, a large plain one mapped into memory, and when it was changed."""
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            state = os.fstat(file)
-            size = state.st_size
-            if size >= MAPPED_BYTES and self._mapped < MOST_MAPPED:
-                start = os.pread(file, len(PLAIN_MAGIC), 0)
-                if start == PLAIN_MAGIC:
-                    self._mapped += 1
-                    return mmap.mmap(file, 0, access=mmap.ACCESS_READ), state.st_mtime
-            data = os.read(file, size)
-            while len(data) < size and (more := os.read(file, size - len(data))):
-                data += more
-            return data, state.st_mtime
-        finally:
-            os.close(file)
 
     def put(self, key: str, mesh: BrickMesh) -> None:
         """Keep a mesh, which may be empty.

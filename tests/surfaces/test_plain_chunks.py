@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import mmap
+import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +14,7 @@ from test_chunk_codec import any_mesh, assert_same
 from test_mesh_store import key_of
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces import store as stores
+from isosample.surfaces import chunk_reading
 from isosample.surfaces.cache import extract_with_cache, load_surface_set
 from isosample.surfaces.checksum_kernel import checksum
 from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
@@ -81,9 +83,9 @@ def test_the_checksum_tells_words_that_changed_places_or_are_missing() -> None:
     assert len({checksum(case) for case in (words, top, *others)}) == 6
 
 
-@pytest.mark.parametrize("mapped", [0, stores.MOST_MAPPED])
+@pytest.mark.parametrize("mapped", [0, chunk_reading.MOST_MAPPED])
 def test_a_store_reads_both_kinds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mapped: int) -> None:
-    monkeypatch.setattr(stores, "MOST_MAPPED", mapped)
+    monkeypatch.setattr(chunk_reading, "MOST_MAPPED", mapped)
     large, small = any_mesh(2000), any_mesh(3)
     for number, (mesh, plain) in enumerate([(large, True), (small, True), (large, False), (small, False)]):
         MeshStore(tmp_path, plain=plain).put(key_of(number), mesh)
@@ -100,6 +102,52 @@ def is_mapped(mesh: BrickMesh) -> bool:
     while isinstance(base, np.ndarray):
         base = base.base
     return isinstance(base.obj if isinstance(base, memoryview) else base, mmap.mmap)
+
+
+FEW_FILES = """
+import os, resource, sys
+from pathlib import Path
+from isosample.errors import CacheError
+from isosample.surfaces import chunk_reading
+from isosample.surfaces.store import MeshStore
+
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+folder = Path(sys.argv[1])
+keys = MeshStore(folder).keys()
+found = MeshStore(folder).get_all(keys)
+print("half", sum(mesh is not None for mesh in found), len(chunk_reading.MAPPED))
+del found
+print("freed", len(chunk_reading.MAPPED))
+chunk_reading.DESCRIPTOR_SHARE = 1  # as if others had files open too: mapping fails
+store = MeshStore(folder)
+found = store.get_all(keys)
+print("all", sum(mesh is not None for mesh in found), 32 < len(chunk_reading.MAPPED) < 64)
+files = []
+try:
+    while True:
+        files.append(os.open("/dev/null", os.O_RDONLY))
+except OSError:
+    pass
+try:
+    store.get(keys[0])
+except CacheError as error:
+    print("told", "Too many open files" in str(error), "damaged" in str(error), store.damaged)
+"""
+
+
+def test_many_chunks_are_loaded_though_few_files_may_be_open(tmp_path: Path) -> None:
+    """Every mapping keeps a descriptor: of 64 that may be open 32 are mapped, and the others read."""
+    for number in range(100):
+        MeshStore(tmp_path, plain=True).put(key_of(number), any_mesh(300))
+    assert min(chunk.size_bytes for chunk in MeshStore(tmp_path).chunks()) >= chunk_reading.MAPPED_BYTES
+    command = [sys.executable, "-c", FEW_FILES, str(tmp_path)]
+    found = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert found.splitlines() == [
+        "half 100 32",
+        "freed 0",
+        "all 100 True",
+        "told True False 0",
+    ]
 
 
 @pytest.mark.parametrize("damage", ["flipped", "truncated", "another chunk"])
