@@ -83,7 +83,8 @@ def extract_with_cache(
     Raises
     ------
     InputError
-        As `extract_surfaces`; also if `extracted` has other isovalues or settings.
+        As `extract_surfaces`; also if `extracted` has other isovalues or settings, or is of a volume of another
+        geometry or range.
     CacheError
         If the folder belongs to another volume or format version, or cannot be written. What was extracted until
         then is kept: the same call goes on from there.
@@ -99,14 +100,15 @@ def extract_with_cache(
         flatness=flatness,
     )
     levels = check_isovalues(isovalues)
-    _check_extracted(extracted, levels, settings)
     scan = scan_volume(volume, brick_cells)
     scan.tell(volume)
     check_volume(volume, settings)
     volume_hash = content_hash(volume, scan)
+    field = Field.of(volume, settings, scan, volume_hash, extracted)
+    if extracted is not None:
+        _check_extracted(extracted, levels, field)
     claim_folder(folder, volume.geometry, volume_hash, volume.name)
     store = MeshStore(folder, budget_bytes=budget_bytes, plain=plain)
-    field = Field.of(volume, settings, scan, volume_hash, extracted)
     pieces, unlisted = wanted_pieces(folder, field, levels)
     found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
     missing = [piece for piece, mesh in found.items() if mesh is None]
@@ -154,15 +156,24 @@ def _surface_set(
     )
 
 
-def _check_extracted(extracted: SurfaceSet | None, levels: F64, settings: ExtractionSettings) -> None:
-    """Raise unless surfaces that are at hand are those that are asked for."""
-    if extracted is None:
-        return
-    if extracted.settings != settings or not np.array_equal(extracted.isovalues, levels):
+def _check_extracted(extracted: SurfaceSet, levels: F64, field: Field) -> None:
+    """Raise unless surfaces that are at hand are of this volume, and those that are asked for."""
+    if extracted.settings != field.settings or not np.array_equal(extracted.isovalues, levels):
         raise InputError(
             f"the extracted surfaces have {len(extracted.isovalues)} isovalues and {extracted.settings}; "
-            f"{len(levels)} isovalues with {settings} are asked for. Pass what extract_surfaces gives for these."
+            f"{len(levels)} isovalues with {field.settings} are asked for. Pass what extract_surfaces gives for these."
         )
+    geometry, value_range = field.volume.geometry, _value_range(field)
+    if extracted.geometry != geometry or extracted.value_range != value_range:
+        raise InputError(
+            f"the extracted surfaces are of a volume of {extracted.geometry} with values {extracted.value_range}; "
+            f"{field.volume.name} has {geometry} and {value_range}. Pass what extract_surfaces gives for this volume."
+        )
+
+
+def _value_range(field: Field) -> tuple[float, float]:
+    """Return the range of a volume, or of its spline."""
+    return field.volume.value_range if field.spline is None else field.spline.value_range
 
 
 def _tell(store: MeshStore) -> None:
@@ -187,5 +198,4 @@ def _boundary(folder: Path, field: Field) -> tuple[BoundarySlices, tuple[float, 
     if boundary_path(folder, field.settings).exists():
         with contextlib.suppress(CacheError):  # damaged: made anew, as if it were absent
             return read_boundary(folder, field.content_hash, field.settings, None)
-    value_range = field.volume.value_range if field.spline is None else field.spline.value_range
-    return BoundarySlices.from_volume(field.volume, field.spline), value_range
+    return BoundarySlices.from_volume(field.volume, field.spline), _value_range(field)

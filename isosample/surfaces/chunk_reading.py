@@ -14,7 +14,7 @@ from isosample.surfaces.plain_chunks import PLAIN_MAGIC
 MAPPED_BYTES = 1 << 14  # plain chunks of this size or more are mapped
 MOST_MAPPED = 20_000  # at a time: a process may have some 65 thousand mappings, and needs them for memory too
 DESCRIPTOR_SHARE = (
-    2  # of the files that a process may have open, one in so many is for mappings: each keeps its own
+    2  # mappings keep a descriptor each: at most one in so many of those that a process may have
 )
 NO_DESCRIPTOR = (errno.EMFILE, errno.ENFILE)
 NOT_MAPPABLE = (*NO_DESCRIPTOR, errno.ENOMEM, errno.ENODEV)  # what is then read instead

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -95,11 +96,22 @@ def test_automatic_refinement_goes_by_the_outlines_of_curved_triangles_too() -> 
     assert found.mesh_distance <= AUTO_DISTANCE
 
 
-@pytest.mark.parametrize("wrong", ["isovalues", "settings"])
+@pytest.mark.parametrize("wrong", ["isovalues", "settings", "geometry", "range", "range of the spline"])
 def test_surfaces_of_something_else_are_not_taken(tmp_path: Path, wrong: str) -> None:
-    volume = blobs(16)
-    surfaces = extract_surfaces(volume, [0.3, 0.5], refine=2 if wrong == "settings" else 1)
-    asked = [0.3, 0.5] if wrong == "settings" else [0.3, 0.6]
-    with pytest.raises(InputError, match=r"the extracted surfaces have 2 isovalues .*are asked for"):
-        extract_with_cache(volume, asked, tmp_path, extracted=surfaces)
+    volume = other = blobs(16)
+    options: dict[str, Any] = {}
+    if wrong == "geometry":
+        other = replace(volume, spacing=(1.0, 1.0, 2.0))
+    elif wrong.startswith("range"):
+        other = replace(volume, array=np.asarray(volume.array, dtype=np.float64) * 1.01)
+    if wrong == "range of the spline":
+        options["reconstruction"] = Reconstruction.CUBIC
+    asked = [0.3, 0.6] if wrong == "isovalues" else [0.3, 0.5]
+    surfaces = extract_surfaces(other, [0.3, 0.5], refine=2 if wrong == "settings" else 1, **options)
+    of_volume = "geometry" in wrong or "range" in wrong
+    what = (
+        "the extracted surfaces are of a volume" if of_volume else "the extracted surfaces have 2 isovalues"
+    )
+    with pytest.raises(InputError, match=what):
+        extract_with_cache(volume, asked, tmp_path, extracted=surfaces, **options)
     assert not contents(tmp_path)
