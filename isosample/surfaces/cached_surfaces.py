@@ -128,7 +128,7 @@ def in_memory(stored: StoredSurfaces) -> SurfaceSet:
     meshes: list[BrickMesh] = []
     for key, isovalue, mesh in zip(keys, table["isovalue"].tolist(), load_pieces(store, keys), strict=True):
         if mesh is None:
-            what = store.notes[0] if store.notes else f"{store.path(key)} is missing"
+            what = store.reasons.get(key, f"{store.path(key)} is missing")
             raise CacheError(
                 f"{what.rstrip('.')}, and isosurface {isovalue!r} with it. Run `isosample precompute` with this "
                 "--cache again: it extracts only what is not there."

@@ -97,6 +97,8 @@ class MeshStore(ChunkFolder):
         Chunks that `get` found and did not find, that `put` wrote, that `get` could not use, and that made room.
     notes : list of str
         One line per damaged chunk: which, and why.
+    reasons : dict of str to str
+        The same by key, of each the latest.
     """
 
     def __init__(
@@ -113,6 +115,7 @@ class MeshStore(ChunkFolder):
         self.budget_bytes = budget_bytes
         self.hits = self.misses = self.written = self.damaged = self.evicted = 0
         self.notes: list[str] = []
+        self.reasons: dict[str, str] = {}
         self._lock = threading.Lock()  # of the counts, and of making room
         self._used: set[str] = set()
         self._bytes: int | None = None  # of all chunks, as far as this store knows
@@ -170,13 +173,15 @@ class MeshStore(ChunkFolder):
             else:
                 found[key] = mesh
         for key, reason in failed.items():
-            self._give_up(self.path(key), reason)
+            self._give_up(key, reason)
+        meshes = [found.get(key) for key in keys]
+        missed = sum(mesh is None for mesh in meshes)
         with self._lock:
-            self.hits += len(found)
-            self.misses += len(keys) - len(found)
+            self.hits += len(meshes) - missed
+            self.misses += missed
         for key in found:
             self._note_use(key, changed[key])
-        return [found.get(key) for key in keys]
+        return meshes
 
     def _file(self, key: str) -> str:
         """Return the file of a chunk; pathlib takes longer than a small chunk."""
@@ -226,12 +231,14 @@ class MeshStore(ChunkFolder):
         # where all that is left is in use, look again only when a tenth of the budget has been added
         self._bytes = min(removed.bytes_left, int(PRUNE_TO * budget_bytes))
 
-    def _give_up(self, path: Path, error: OSError | CacheError) -> None:
+    def _give_up(self, key: str, error: OSError | CacheError) -> None:
         """Count and name a chunk that cannot be used; remove it where it is damaged."""
+        path = self.path(key)
         reason = f"it cannot be read ({error.strerror})." if isinstance(error, OSError) else str(error)
         with self._lock:
             self.damaged += 1
-            self.notes.append(f"{path} is damaged: {reason}")
+            self.reasons[key] = f"{path} is damaged: {reason}"
+            self.notes.append(self.reasons[key])
         if isinstance(error, OtherVersionError | OSError) or self.read_only:
             return
         with contextlib.suppress(OSError):

@@ -170,6 +170,13 @@ def test_chunks_loaded_together_come_each_as_alone(tmp_path: Path) -> None:
     assert store.notes[0].startswith(f"{path} is damaged")
 
 
+def test_a_chunk_asked_for_twice_counts_twice(tmp_path: Path) -> None:
+    store = filled(tmp_path, 1)
+    found = store.get_all([key_of(number) for number in (0, 1, 0, 1, 1)])
+    assert [mesh is None for mesh in found] == [False, True, False, True, True]
+    assert (store.hits, store.misses) == (2, 3)
+
+
 def test_reading_notes_the_use_and_a_read_only_store_notes_nothing(tmp_path: Path) -> None:
     path = filled(tmp_path, 1).path(key_of(0))
     watching = MeshStore(tmp_path, read_only=True)

@@ -22,6 +22,7 @@ from isosample.surfaces.cache import (
     extract_with_cache,
     load_cache,
     load_surface_set,
+    open_cache,
     write_cache,
 )
 from isosample.surfaces.extract import SurfaceSet, extract_surfaces
@@ -394,6 +395,23 @@ def test_a_damaged_chunk_is_named_and_extracted_again_and_only_it(tmp_path: Path
     assert again.statistics.brick_visits == 1
     assert_same_bits(again, surfaces)
     assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
+
+
+def test_a_chunk_is_named_with_the_isosurface_that_it_is_of(tmp_path: Path) -> None:
+    """The first in the order of the list, which is missing, where the damaged one is of the last isosurface."""
+    surfaces = written_scene(tmp_path, scene_volume())
+    table = open_cache(tmp_path).surfaces.chunk_table
+    store = MeshStore(tmp_path)
+    first, last = (store.path(table["key"][place].decode()) for place in (0, -1))
+    first.unlink()
+    damaged(last, "flipped")
+    lowest, highest = (float(surfaces.isovalues[place]) for place in (0, -1))
+    with pytest.raises(CacheError, match=rf"{first.name} is missing, and isosurface {lowest!r} with it"):
+        load_cache(tmp_path)
+    first.write_bytes(b"")
+    with pytest.raises(CacheError, match=rf"{first.name} is damaged: .*, and isosurface {lowest!r} with it"):
+        load_cache(tmp_path)
+    assert lowest != highest
 
 
 @pytest.mark.parametrize("name", ["boundary.npz", "surface"])
