@@ -158,7 +158,8 @@ def _surface_set(
 
 def _check_extracted(extracted: SurfaceSet, levels: F64, field: Field) -> None:
     """Raise unless surfaces that are at hand are of this volume, and those that are asked for."""
-    if extracted.settings != field.settings or not np.array_equal(extracted.isovalues, levels):
+    same_settings = extracted.settings.to_dict() == field.settings.to_dict()
+    if not same_settings or not np.array_equal(extracted.isovalues, levels):
         raise InputError(
             f"the extracted surfaces have {len(extracted.isovalues)} isovalues and {extracted.settings}; "
             f"{len(levels)} isovalues with {field.settings} are asked for. Pass what extract_surfaces gives for these."

@@ -48,8 +48,8 @@ class ExtractionSettings:
     detail : int
         0: meshes as extracted; 1 to 5: coarser ones, see `surfaces.detail`.
     flatness : float
-        Edges whose middle is nearer to the isosurface are not divided [voxel]; 1e-5 to 0.5, of no effect without
-        `refine`.
+        Edges whose middle is nearer to the isosurface are not divided [voxel]; 1e-5 to 0.5, of no effect where
+        `refine` is 1, and then left out of `to_dict` and of the names of cached meshes.
     residuals : bool
         Whether the meshes carry their distance from the isosurface (`BrickMesh.residuals`, `error`).
 
@@ -99,8 +99,10 @@ class ExtractionSettings:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and words, ready for JSON."""
+        """Plain numbers and words, ready for JSON: the same of settings that give the same meshes."""
         entries = {**self.as_keywords(), "reconstruction": self.reconstruction.value}
+        if self.refine == 1:
+            entries["flatness"] = FLATNESS  # nothing is divided
         # Left out, as before there were such: those meshes are still right.
         for name, default in LATER.items():
             if entries[name] == default:

@@ -426,7 +426,7 @@ def test_an_impossible_detail_is_refused(detail: int) -> None:
 
 def test_settings_without_detail_are_written_as_before() -> None:
     assert not {"detail", "flatness"} & ExtractionSettings().to_dict().keys()
-    settings = ExtractionSettings(detail=3, flatness=4e-3)
+    settings = ExtractionSettings(detail=3, refine=2, flatness=4e-3)
     assert ExtractionSettings.from_dict(settings.to_dict()) == settings
     with pytest.raises(InputError, match="entries"):
         ExtractionSettings.from_dict({**settings.to_dict(), "details": 1})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,9 @@ from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import weld
 from isosample.surfaces.positions import POSITION_STEPS
 from isosample.surfaces.refine import keys_between
+from isosample.surfaces.settings import ExtractionSettings
+from isosample.surfaces.store import chunk_key
+from isosample.surfaces.surface_files import surface_key
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 
@@ -196,6 +200,18 @@ def test_meshes_of_another_flatness_are_kept_apart_in_a_cache(tmp_path: Path) ->
     again = load_surface_set(tmp_path, [0.0], refine=4, reconstruction=kind, flatness=0.01)
     assert again.settings.flatness == 0.01
     np.testing.assert_array_equal(again.meshes[0].positions, rough.meshes[0].positions)
+
+
+def test_a_flatness_without_refinement_names_the_same_meshes(tmp_path: Path) -> None:
+    plain, flat = ExtractionSettings(), ExtractionSettings(flatness=0.01)
+    assert surface_key("a", 0.0, flat) == surface_key("a", 0.0, plain)
+    assert chunk_key("a", 0.0, (1.0, 1.0, 1.0), flat) == chunk_key("a", 0.0, (1.0, 1.0, 1.0), plain)
+    refined = [replace(chosen, refine=2) for chosen in (plain, flat)]
+    assert surface_key("a", 0.0, refined[0]) != surface_key("a", 0.0, refined[1])
+    surfaces = extract_surfaces(ball(15, 6.3), [0.0], flatness=0.01)
+    extract_with_cache(ball(15, 6.3), [0.0], tmp_path, extracted=surfaces)
+    again = extract_with_cache(ball(15, 6.3), [0.0], tmp_path, flatness=0.004)
+    assert again.statistics.levels_reused == 1
 
 
 @pytest.mark.parametrize("flatness", [0.0, 1e-6, 0.6, float("nan")])
