@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from isosample.errors import CacheError
 from isosample.surfaces.cache_files import read_arrays, read_json
 from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk, remove
-from isosample.surfaces.chunk_table import CHUNK_ROW
-from isosample.surfaces.surface_files import surface_path
+from isosample.surfaces.surface_files import rows_of_arrays, surface_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -162,11 +161,10 @@ def verify_folder(folder: Path) -> FolderVerified:
     for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
         try:
             arrays, _ = read_arrays(path, {})
+            if path.parent.name == "surfaces":
+                listed.update(rows_of_arrays(arrays, path)["key"].tolist())
         except CacheError as error:
             damaged.append(DamagedChunk(path, str(error)))
-            continue
-        if path.parent.name == "surfaces":
-            listed.update(arrays["rows"].view(CHUNK_ROW)["key"].tolist())
     there = {key.encode() for key in store.keys()}  # noqa: SIM118  # a store is no mapping
     return FolderVerified((*damaged, *store.verify().damaged), len(listed), len(listed - there))
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
+    from isosample.surfaces.cache_files import Arrays
     from isosample.surfaces.chunk_table import Rows
     from isosample.surfaces.settings import ExtractionSettings
 
@@ -91,8 +92,21 @@ def read_rows(folder: Path, key: str, isovalue: float, digest: str | None = None
         raise CacheError(
             f"{folder} has no isosurface {isovalue!r} for these settings. Add it with `isosample precompute`."
         ) from error
-    plain = arrays["rows"]
-    if plain.dtype != np.uint8 or plain.size % CHUNK_ROW.itemsize:
+    return rows_of_arrays(arrays, path), found
+
+
+def rows_of_arrays(arrays: Arrays, path: Path) -> Rows:
+    """Return the rows among the arrays of a list of chunks.
+
+    Raises
+    ------
+    CacheError
+        If there are none, or they are no rows.
+    """
+    plain = arrays.get("rows")
+    if plain is None:
+        raise CacheError(f"{path} is damaged: it has no rows. {REMEDY}")
+    if plain.dtype != np.uint8 or plain.ndim != 1 or plain.size % CHUNK_ROW.itemsize:
         raise CacheError(f"{path} is damaged: its rows are {plain.size} of {plain.dtype}. {REMEDY}")
     rows: Rows = plain.view(CHUNK_ROW)
-    return rows, found
+    return rows

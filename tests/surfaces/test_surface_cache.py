@@ -25,9 +25,11 @@ from isosample.surfaces.cache import (
     open_cache,
     write_cache,
 )
+from isosample.surfaces.cache_files import write_arrays
+from isosample.surfaces.cache_folders import verify_folder
 from isosample.surfaces.extract import SurfaceSet, extract_surfaces
 from isosample.surfaces.store import MeshStore
-from isosample.surfaces.surface_files import listed_key, read_rows, write_rows
+from isosample.surfaces.surface_files import listed_key, read_rows, surface_path, write_rows
 from isosample.transfer.isovalues import IsovaluePlan, plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
 from isosample.volume.grid import Volume
@@ -289,6 +291,31 @@ def test_arrays_under_the_header_of_others_are_found(tmp_path: Path) -> None:
     np.savez(path, **arrays)
     with pytest.raises(CacheError, match=f"{path.name} is damaged: its arrays"):
         load_cache(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "wrong"),
+    [
+        ({}, "it has no rows"),
+        ({"rows": np.zeros(7, dtype=np.uint8)}, "its rows are 7 of uint8"),
+        ({"rows": np.zeros(4, dtype=np.float64)}, "its rows are 4 of float64"),
+    ],
+    ids=["none", "part of a row", "another type"],
+)
+def test_a_list_whose_digest_holds_and_that_has_no_rows_is_damaged(
+    tmp_path: Path, arrays: dict[str, Any], wrong: str
+) -> None:
+    volume = scene_volume()
+    surfaces = extract_with_cache(volume, [0.0], tmp_path)
+    key = listed_key(tmp_path, content_hash(volume), 0.0, surfaces.settings)
+    path = surface_path(tmp_path, key)
+    write_arrays(path, {"key": key}, arrays)
+    with pytest.raises(CacheError, match=rf"{path.name} is damaged: {wrong}"):
+        load_surface_set(tmp_path, [0.0])
+    named = [(chunk.path, wrong in chunk.reason) for chunk in verify_folder(tmp_path).damaged]
+    assert (path, True) in named
+    assert extract_with_cache(volume, [0.0], tmp_path).statistics.brick_visits == 0
+    assert path not in [chunk.path for chunk in verify_folder(tmp_path).damaged]
 
 
 @pytest.mark.parametrize("name", ["volume.json", "scene.json"])
