@@ -115,17 +115,18 @@ def _incompleteness_told(folder: Path) -> Iterator[None]:
 
 def _scene_of(folder: Path) -> CachedScene | OpenedScene:
     """Return the scene of a cache folder, whose meshes stay there where they are too many."""
-    from isosample.surfaces.cache import load_cache, open_cache
+    from isosample.surfaces.cache import load_opened, open_cache
 
     opened = open_cache(folder)
-    return opened if _are_many(opened.surfaces) else load_cache(folder)
+    return opened if _are_many(opened.surfaces) else load_opened(opened)
 
 
 def _surfaces_of(
     folder: Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings, details: int
 ) -> SurfaceSet | StoredSurfaces:
     """Return surfaces of a cache folder, which stay there where they are too many, with the details of them all."""
-    from isosample.surfaces.cache import lists_surfaces, load_surface_set, open_surface_set
+    from isosample.surfaces.cache import lists_surfaces, open_surface_set
+    from isosample.surfaces.cached_surfaces import in_memory
 
     opened = open_surface_set(folder, isovalues, settings)
     coarser = [replace(settings, detail=detail) for detail in range(1, details + 1)]
@@ -136,11 +137,7 @@ def _surfaces_of(
             f"`isosample precompute --details {details}` with this transfer function adds them"
         )
     opened = replace(opened, details=tuple(open_surface_set(folder, isovalues, one) for one in there))
-    if _are_many(opened):
-        return opened
-    finest = load_surface_set(folder, isovalues, **settings.as_keywords())
-    loaded = (load_surface_set(folder, isovalues, **one.as_keywords()) for one in there)
-    return replace(finest, details=tuple(loaded))
+    return opened if _are_many(opened) else in_memory(opened)
 
 
 def _are_many(surfaces: StoredSurfaces) -> bool:
@@ -159,6 +156,7 @@ def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -
     """
     from isosample.surfaces.cache import load_surface_set
     from isosample.surfaces.settings import ExtractionSettings
+    from isosample.surfaces.surface_files import AbsentSurfaceError
 
     load_surface_set(folder, ())  # tells what is wrong with the folder itself
     scene = _stored_scene(folder) if (folder / "scene.json").exists() else {}
@@ -166,7 +164,7 @@ def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -
     settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
     try:
         return load_surface_set(folder, (isovalue,), **settings.as_keywords())
-    except CacheError as error:
+    except AbsentSurfaceError as error:
         there = [float.fromhex(entry["isovalue"]) for entry in scene.get("surfaces", [])]
         if not there or isovalue in there:
             raise

@@ -148,7 +148,11 @@ def load_cache(folder: str | Path) -> CachedScene:
     CacheError
         If the folder is not a cache, has no scene, or a file is missing, damaged or of another version.
     """
-    opened = open_cache(folder)
+    return load_opened(open_cache(folder))
+
+
+def load_opened(opened: OpenedScene) -> CachedScene:
+    """Return an opened scene with all meshes in memory; raises `CacheError` where one is missing or damaged."""
     return CachedScene(
         surfaces=in_memory(opened.surfaces),
         transfer_function=opened.transfer_function,

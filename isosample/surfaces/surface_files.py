@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from isosample.surfaces.settings import ExtractionSettings
 
 
+class AbsentSurfaceError(CacheError):
+    """A folder lists no such isosurface; it may be whole nevertheless."""
+
+
 def surface_key(
     content_hash: str, isovalue: float, settings: ExtractionSettings, *, by_place: bool = False
 ) -> str:
@@ -80,8 +84,10 @@ def read_rows(folder: Path, key: str, isovalue: float, digest: str | None = None
 
     Raises
     ------
+    AbsentSurfaceError
+        If the file is missing (names the isovalue).
     CacheError
-        If the file is missing (names the isovalue) or damaged, or its rows have another `digest`.
+        If it is damaged, or its rows have another `digest`.
     """
     path = surface_path(folder, key)
     try:
@@ -89,7 +95,7 @@ def read_rows(folder: Path, key: str, isovalue: float, digest: str | None = None
     except CacheError as error:
         if not isinstance(error.__cause__, FileNotFoundError):
             raise
-        raise CacheError(
+        raise AbsentSurfaceError(
             f"{folder} has no isosurface {isovalue!r} for these settings. Add it with `isosample precompute`."
         ) from error
     return rows_of_arrays(arrays, path), found

@@ -91,8 +91,8 @@ def test_meshes_that_stay_in_their_folder_give_the_bits_of_those_in_memory(
     assert run("precompute blob.npy --tf tf.json --memory 16GiB --cache meshes").status == 0
     assert run(f"render meshes -o memory.npy {view}").status == 0
     monkeypatch.setattr("isosample.cli.cached_scenes.LARGEST_IN_MEMORY", 0)
-    monkeypatch.setattr("isosample.surfaces.cache.load_cache", None)  # would load them all
-    monkeypatch.setattr("isosample.surfaces.cache.load_surface_set", None)
+    monkeypatch.setattr("isosample.surfaces.cache.in_memory", None)  # would load them all
+    monkeypatch.setattr("isosample.surfaces.cached_surfaces.in_memory", None)
     picture = np.load("memory.npy")
     assert picture[..., 3].max() > 0.5
     for options in ("", "--tf tf.json"):  # the scene as it is, and surfaces chosen from it
