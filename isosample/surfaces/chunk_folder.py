@@ -42,7 +42,7 @@ class DamagedChunk(NamedTuple):
 
 
 class Pruned(NamedTuple):
-    """What `MeshStore.prune` took away and left."""
+    """What `ChunkFolder.prune` took away and left."""
 
     chunks: int
     size_bytes: int
@@ -51,7 +51,7 @@ class Pruned(NamedTuple):
 
 
 class Verified(NamedTuple):
-    """What `MeshStore.verify` found: chunks and bytes looked at, and those that cannot be used."""
+    """What `ChunkFolder.verify` found: chunks and bytes looked at, and those that cannot be used."""
 
     chunks: int
     size_bytes: int

@@ -20,7 +20,11 @@ class Scratch(threading.local):
         self._last: dict[str, tuple[object, npt.NDArray[np.generic]]] = {}  # as it was asked for last
 
     def room(self, name: str, shape: int | tuple[int, ...], dtype: type[N]) -> npt.NDArray[N]:
-        """Return an array of any content; the one of the same name that was asked for before is lost."""
+        """Return an array of any content; the one of the same name that was asked for before is lost.
+
+        Where it had the same shape and dtype it is the very same object, with what was left in it: hand on copies,
+        and change neither its shape nor its flags.
+        """
         asked = (shape, dtype)
         last = self._last.get(name)
         if last is not None and last[0] == asked:

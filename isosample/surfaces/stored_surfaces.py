@@ -39,7 +39,7 @@ class ChunkStore(Protocol):
         ...
 
     def has(self, key: str) -> bool:
-        """Tell whether a piece is there."""
+        """Tell whether a piece is there, which counts as a use of it: it makes no room for others in this run."""
         ...
 
 

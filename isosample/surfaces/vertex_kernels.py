@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     I64 = npt.NDArray[np.int64]
 
 BLOCK = 128  # vertices that are interpolated at a time, a core taking many at once
+# Samples of a brick for each of its vertices up to which `fill_nodes` pays: it computes the slopes of all samples once,
+# without it those of a vertex's two samples are computed with the vertex.
 NODES_PER_VERTEX = 2
 ROUNDER = 1.5 * 2.0**52  # float64 holds no fractions up there
 BOUND = float(LARGEST_MANTISSA)
