@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from mesh_checks import closed_noise
 
 from isosample.errors import CacheError, InputError
-from isosample.surfaces.chunk_decoding import decode
+from isosample.surfaces import chunk_encoding, encoding_kernels
+from isosample.surfaces.chunk_decoding import decode, decode_all
 from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
 from isosample.surfaces.chunk_layout import summary
@@ -189,8 +190,30 @@ def test_another_version_is_told_from_damage() -> None:
         decode(data[:8] + b"\2\0" + data[10:])
 
 
-def test_a_chunk_whose_checksums_hold_and_whose_content_does_not_is_refused() -> None:
-    """As a faulty program might write it: corners that are no vertices."""
+def with_wrong_corners(mesh: BrickMesh, name: bytes = NO_NAME) -> bytes:
+    """A chunk as a faulty program might write it: the checksums hold, and corners are no vertices."""
+    outside = replace(mesh, triangles=np.full_like(mesh.triangles, len(mesh.positions)))
+    with pytest.MonkeyPatch.context() as faulty:
+        faulty.setattr(chunk_encoding, "check_mesh", lambda _: None)
+        faulty.setattr(encoding_kernels, "cell_codes", lambda *_: False)  # would look the corners up
+        return encode(outside, name=name)
+
+
+@pytest.mark.parametrize("whole", [0, 1, 3])
+def test_a_chunk_whose_checksums_hold_and_whose_content_does_not_is_refused(whole: int) -> None:
+    """Among any number of whole ones, which come as alone."""
+    chunks = [encode(any_mesh(20 + number)) for number in range(whole)]
+    chunks.insert(whole // 2, with_wrong_corners(any_mesh(12)))
+    found = decode_all(chunks, [None] * len(chunks))
+    wrong = found.pop(whole // 2)
+    assert isinstance(wrong, CacheError)
+    assert "a triangle of it has a corner that is no vertex" in str(wrong)
+    for number, mesh in enumerate(found):
+        assert isinstance(mesh, BrickMesh)
+        assert_same(mesh, any_mesh(20 + number))
+
+
+def test_a_mesh_with_a_corner_that_is_no_vertex_is_refused() -> None:
     volume = Volume(closed_noise(4, size=5))
     mesh = extract_surfaces(volume, [0.0]).meshes[0]
     outside = replace(mesh, triangles=np.full_like(mesh.triangles, len(mesh.positions)))

@@ -6,13 +6,14 @@ import os
 import subprocess
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from test_chunk_codec import any_mesh, assert_same
+from test_chunk_codec import any_mesh, assert_same, with_wrong_corners
 
 from isosample.errors import CacheError
+from isosample.surfaces import chunk_decoding
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore, chunk_key
 from isosample.volume.reconstruction import Reconstruction
@@ -168,6 +169,48 @@ def test_chunks_loaded_together_come_each_as_alone(tmp_path: Path) -> None:
         assert_same(mesh, same)
     assert (store.hits, store.misses, store.damaged) == (5, 2, 1)
     assert store.notes[0].startswith(f"{path} is damaged")
+
+
+def test_a_chunk_with_wrong_content_does_not_touch_those_decoded_with_it(tmp_path: Path) -> None:
+    """Its checksums hold: only the kernels find that its corners are no vertices."""
+    store = filled(tmp_path, 5)
+    path = store.path(key_of(2))
+    path.write_bytes(with_wrong_corners(any_mesh(20), bytes.fromhex(key_of(2))))
+    found = store.get_all([key_of(number) for number in range(5)])
+    assert [mesh is None for mesh in found] == [False, False, True, False, False]
+    for mesh in found:
+        if mesh is not None:
+            assert_same(mesh, any_mesh(20))
+    assert (store.hits, store.misses, store.damaged) == (4, 1, 1)
+    assert "corner that is no vertex" in store.reasons[key_of(2)]
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("together", [1, 60, 100])
+def test_more_chunks_than_are_decoded_together_come_each_as_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, together: int
+) -> None:
+    """Twice as many triangles as vertices: a batch ends before the chunk with which it would have too many."""
+    counts = (20, 20, 300, 20, 0, 20, 20, 20, 7)
+    store = MeshStore(tmp_path)
+    for number, count in enumerate(counts):
+        store.put(key_of(number), any_mesh(count))
+    monkeypatch.setattr(chunk_decoding, "TOGETHER", together)
+    restored: list[int] = []
+    whole = chunk_decoding._restored
+
+    def noted(batch: Any) -> Any:
+        restored.append(len(batch))
+        return whole(batch)
+
+    monkeypatch.setattr(chunk_decoding, "_restored", noted)
+    found = store.get_all([key_of(number) for number in range(len(counts))])
+    for mesh, count in zip(found, counts, strict=True):
+        assert mesh is not None
+        assert_same(mesh, any_mesh(count))
+    assert (
+        restored == {1: [1, 1, 1, 1, 1, 1, 1, 1, 1], 60: [1, 1, 1, 2, 1, 1, 2], 100: [2, 1, 3, 3]}[together]
+    )
 
 
 def test_a_chunk_asked_for_twice_counts_twice(tmp_path: Path) -> None:
