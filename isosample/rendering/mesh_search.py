@@ -191,11 +191,17 @@ def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:
     last = rounds[-1]
     growth = _next_growth([entry["triangles"] for entry in rounds])
     if len(rounds) > 1 and all(last[part] > LEAST_GAIN * rounds[-2][part] for part in ("error", "above")):
-        return f"refining from {rounds[-2]['refine']} to {last['refine']} did not help"
+        return f"refining from {_named(rounds[-2])} to {_named(last)} did not help"
     predicted = int(growth * last["triangles"])
     if predicted > max_triangles:
         return f"a finer one could have {predicted} triangles, more than {max_triangles}"
     return ""
+
+
+def _named(entry: dict[str, Any]) -> str:
+    """What a round was: several have the same refinement, and another flatness."""
+    flatness = f", flatness {entry['flatness']:.3g}" if entry["refine"] > 1 else ""
+    return f"refine {entry['refine']}{flatness}"
 
 
 def _next_growth(triangles: list[int]) -> float:

@@ -69,7 +69,8 @@ def prepare_surfaces(
         Measure the distance of the meshes from the isosurfaces, for error maps; always done for a tolerance and
         for ``refine=None``.
     cache : path, optional
-        Folder whose surfaces of this volume are used again and added to.
+        Folder whose surfaces of this volume are used again and added to. With ``refine=None`` or a tolerance the
+        search extracts all that it tries, though the folder may hold it; what it finds is added to the folder.
     plain, budget_bytes
         As for `extract_with_cache`, where there is a `cache`.
     progress : callable, optional

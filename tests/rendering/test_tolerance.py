@@ -344,14 +344,18 @@ def test_how_many_triangles_a_further_refinement_has(triangles: list[int], growt
         ([(300, 0.5, 0.1)], "could have 1200 triangles, more than 1000"),
         ([(100, 0.5, 0.1), (300, 0.4, 0.1)], ""),
         ([(100, 0.5, 0.1), (300, 0.5, 0.05)], ""),
-        ([(100, 0.5, 0.1), (300, 0.48, 0.095)], "from 1 to 2 did not help"),
+        ([(100, 0.5, 0.1), (300, 0.48, 0.095)], "from refine 1 to refine 2, flatness 0.004 did not help"),
+        (
+            [(100, 0.5, 0.1), (150, 0.4, 0.1), (200, 0.3, 0.1), (250, 0.29, 0.1)],
+            "from refine 4, flatness 0.002 to refine 4, flatness 0.001 did not help",
+        ),
         ([(200, 0.5, 0.1), (600, 0.2, 0.05)], "could have 1800 triangles"),
     ],
 )
 def test_when_a_mesh_is_not_refined_further(rounds: list[tuple[int, float, float]], expected: str) -> None:
     entries = [
-        {"refine": refine, "triangles": triangles, "error": error, "above": above}
-        for refine, (triangles, error, above) in zip([1, 2, 4], rounds, strict=False)
+        {**step._asdict(), "triangles": triangles, "error": error, "above": above}
+        for step, (triangles, error, above) in zip(mesh_search.steps_of_search(4, 2e-3), rounds, strict=False)
     ]
     stop = mesh_search._no_further(entries, 1000)
     assert expected in stop
