@@ -151,7 +151,7 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
         say(f"damaged: {chunk.path}: {chunk.reason}")
     for folder, found in incomplete.items():
         lost = f"{thousands(found.pieces_missing)} of {counted(found.pieces, 'piece')}"
-        say(f"incomplete: {folder}: {lost} were evicted; run precompute again")
+        say(f"incomplete: {folder}: {lost} are not there (evicted or removed); run precompute again")
     for folder in without_scene:
         say(f"incomplete: {unfinished(folder)}")
     summary = {

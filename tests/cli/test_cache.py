@@ -136,7 +136,7 @@ def test_verify_finds_every_kind_of_damage_and_changes_nothing(run: Run, cache: 
     assert outcome.status == 1
     for path in (first, second, listed, cache / "boundary.npz", cache / "scene.json"):
         assert f"damaged: meshes/{path.relative_to(cache)}: " in outcome.out
-    assert re.search(r"incomplete: meshes: 1 of \d+ pieces were evicted; run precompute again", outcome.out)
+    assert re.search(r"incomplete: meshes: 1 of \d+ pieces are not there \(evicted or removed\)", outcome.out)
     assert third.stem not in outcome.out
     assert content(cache) == before
     found = json.loads(run("cache verify meshes --json").out)["damaged"]
