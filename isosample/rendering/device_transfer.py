@@ -195,7 +195,7 @@ def pre_integrated(bands: ValueBands, settings: RaycastSettings, base_length: fl
 
 
 def new_texture(ctx: moderngl.Context, texels: Floats | U16) -> moderngl.Texture | moderngl.Texture3D:
-    """Texture of four components for `texelFetch`: (y, x, 4), or (z, y, x, 4); float32, float16 or uint16.
+    """Texture of four components whose single texels are read: (y, x, 4), or (z, y, x, 4); float32, float16 or uint16.
 
     Raises
     ------
