@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from isosample.surfaces.settings import ExtractionSettings
     from isosample.surfaces.stored_surfaces import StoredSurfaces
     from isosample.surfaces.surface_set import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import F64
 
@@ -59,7 +60,6 @@ def scene_from_cache(
     CacheError
         If the folder is damaged, of another version, or lacks a scene or an isovalue.
     """
-    from isosample.surfaces.cache import lists_surfaces, open_surface_set
     from isosample.surfaces.settings import ExtractionSettings
 
     start = time.perf_counter()
@@ -73,14 +73,7 @@ def scene_from_cache(
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
         with _incompleteness_told(folder):
-            value_range = (
-                own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
-            )
-            shares = None if own is None else own.plan.shares
-            gradients = None if own is None else partial(mesh_gradients, own.surfaces)
-            plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
-            if lit and not lists_surfaces(folder, plan.isovalues, settings):
-                plan = plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
+            plan = _plan_anew(folder, own, tf, settings, per_slope, lit=lit)
             surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details) if own else 0)
     if lit and plan.lacks_light:
         note(
@@ -96,6 +89,27 @@ def scene_from_cache(
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
     )
+
+
+def _plan_anew(
+    folder: Path,
+    own: CachedScene | OpenedScene | None,
+    tf: TransferFunction,
+    settings: ExtractionSettings,
+    per_slope: int | None,
+    *,
+    lit: bool,
+) -> IsovaluePlan:
+    """Return the isovalues of a transfer function; without those for light where the folder lacks them."""
+    from isosample.surfaces.cache import lists_surfaces, open_surface_set
+
+    value_range = own.surfaces.value_range if own else open_surface_set(folder, (), settings).value_range
+    shares = None if own is None else own.plan.shares
+    gradients = None if own is None else partial(mesh_gradients, own.surfaces)
+    plan = plan_for(tf, value_range, per_slope, gradients, lit=lit, shares=shares if lit else None)
+    if lit and not lists_surfaces(folder, plan.isovalues, settings):
+        return plan_for(tf, value_range, per_slope, gradients, lit=False, shares=None)
+    return plan
 
 
 @contextlib.contextmanager

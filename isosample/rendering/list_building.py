@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from isosample.rendering.picture_frame import PictureFrame, PictureFrames
 
 QUERY_SATURATED = 0xFFFFFFFF  # an occlusion query read as 32 bits stops here
+PLAIN = {"CURVED": 0, "RESIDUAL": 0}  # vertices of the passes that only count
 
 
 class ListBuilder:
@@ -88,14 +89,14 @@ class ListBuilder:
     def _measure(self, tile: Tile, frame: PictureFrame) -> int:
         """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""
         self._shared.bind(tile, frame)
-        return self._draw("measure.frag", "measure.frag", tile, frame)
+        return self._draw("measure.frag", "measure.frag", tile, frame, PLAIN, {})
 
     def _split(self, tile: Tile, frame: PictureFrame) -> list[Tile]:
         """Tiles whose lists fit, from a count of every pixel's fragments."""
         with self._shared.timer.stage("count"):
             self._shared.pool.clear_counts(tile)
             self._shared.bind(tile, frame)
-            self._draw("count.frag", "count.frag", tile, frame)
+            self._draw("count.frag", "count.frag", tile, frame, PLAIN, {})
             self._shared.ctx.memory_barrier()
             counts = self._shared.pool.heads(tile)
         self._shared.pool.grow(int(counts.sum(dtype=np.int64)), frame.settings.fragment_budget_bytes)
@@ -110,25 +111,28 @@ class ListBuilder:
                 "SHADING": frame.shading,
                 "CURVED": int(frame.curved),
                 "RESIDUAL": int(frame.residuals),
-                "SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits,
             }
-            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, **constants)
+            edges = {"SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits}
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants | edges, edges)
             self._shared.ctx.memory_barrier()
             return self._shared.pool.counters(), rasterised
 
     def _draw(
-        self, fragment: str, mask_fragment: str, tile: Tile, frame: PictureFrame, **constants: int
+        self,
+        fragment: str,
+        mask_fragment: str,
+        tile: Tile,
+        frame: PictureFrame,
+        constants: dict[str, int],
+        mask_constants: dict[str, int],
     ) -> int:
         """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
         assert self._rasteriser is not None
-        program = self._shared.programs.graphics(
-            "build.vert", fragment, **({"CURVED": 0, "RESIDUAL": 0} | constants)
-        )
-        masked = self._shared.scene.has_mask
+        programs = self._shared.programs
+        program = programs.graphics("build.vert", fragment, **constants)
         mask_program = None
-        if masked:
-            kept = {name: constants[name] for name in constants.keys() & {"SUBPIXEL_BITS"}}
-            mask_program = self._shared.programs.graphics("build_mask.vert", mask_fragment, **kept)
+        if self._shared.scene.has_mask:
+            mask_program = programs.graphics("build_mask.vert", mask_fragment, **mask_constants)
         passes = self._frames.tile_passes(frame, tile)
         budget = frame.settings.mesh_budget_bytes
         with self._query:
