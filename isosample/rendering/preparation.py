@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES
 from isosample.rendering.quality import mesh_distance, plan_for
@@ -12,7 +12,7 @@ from isosample.rendering.stage_progress import of_detail
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.detail_sets import with_details
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS
+from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS, ExtractionSettings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Volume
+    from isosample.volume.grid import F64, Volume
 
 
 class PreparedSurfaces(NamedTuple):
@@ -89,73 +89,85 @@ def prepare_surfaces(
         If a tolerance is asked for and there is no usable OpenGL.
     """
     start = time.perf_counter()
+    extractor = _Extractor(
+        volume=volume, cache=cache, plain=plain, budget_bytes=budget_bytes, progress=progress
+    )
     if quality.tolerance is not None:
-        found = _for_tolerance(
-            volume,
-            transfer_function,
-            quality,
-            nan_masked,
-            progress,
-            cache=cache,
-            plain=plain,
-            budget_bytes=budget_bytes,
-        )
-        return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
+        found = _for_tolerance(volume, transfer_function, quality, nan_masked, extractor)
+        return _with_details(found, quality.details, extractor)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
-    options: dict[str, Any] = {"nan_masked": nan_masked, "reconstruction": quality.reconstruction}
-    options["progress"] = of_detail(progress, 0)
+    settings = ExtractionSettings(
+        nan_masked=nan_masked, reconstruction=quality.reconstruction, residuals=residuals
+    )
     refined, distance = None, None
     if quality.refine is None:
-        refined, distance = _refined_enough(volume, plan, options)
-        options |= refined.settings.as_keywords()
+        refined, distance = _refined_enough(plan, settings, extractor)
+        settings = refined.settings
     else:
-        options |= {"refine": quality.refine, "residuals": residuals}
-    if cache is not None:
-        kept: dict[str, Any] = {"plain": plain, "budget_bytes": budget_bytes, "extracted": refined}
-        surfaces = _extract_into(cache, volume, plan.isovalues, **options, **kept)
-    else:
-        surfaces = refined or extract_surfaces(volume, plan.isovalues, **options)
+        settings = replace(settings, refine=quality.refine)
+    surfaces = extractor.surfaces(plan.isovalues, settings, refined)
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
-    found = PreparedSurfaces(surfaces, plan, seconds, distance)
-    return _with_details(found, volume, quality.details, _Cache(cache, plain), progress)
+    return _with_details(PreparedSurfaces(surfaces, plan, seconds, distance), quality.details, extractor)
 
 
-class _Cache(NamedTuple):
-    """A cache folder, where there is one, and what kind of chunks are added to it."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Extractor:
+    """Extracts surfaces of a volume, by way of a cache folder where there is one."""
 
-    folder: Path | None
+    volume: Volume
+    cache: Path | None
     plain: bool
+    budget_bytes: int | None
+    progress: Progress | None
+
+    def surfaces(
+        self, isovalues: F64, settings: ExtractionSettings, extracted: SurfaceSet | None = None
+    ) -> SurfaceSet:
+        """Return surfaces; those that are at hand (`extracted`) are only added to the folder."""
+        options = settings.as_keywords() | {"progress": of_detail(self.progress, settings.detail)}
+        if self.cache is None:
+            return extracted or extract_surfaces(self.volume, isovalues, **options)
+        return extract_with_cache(
+            self.volume,
+            isovalues,
+            self.cache,
+            plain=self.plain,
+            # Coarser meshes have none: they might make room by what the finest needs.
+            budget_bytes=None if settings.detail else self.budget_bytes,
+            extracted=extracted,
+            **options,
+        )
+
+    def without_cache(self) -> _Extractor:
+        """The same, which leaves the folder alone."""
+        return replace(self, cache=None)
 
 
-def _with_details(
-    prepared: PreparedSurfaces, volume: Volume, details: int, cache: _Cache, progress: Progress | None
-) -> PreparedSurfaces:
-    """Add coarser details, from the cache folder where there is one."""
+def _with_details(prepared: PreparedSurfaces, details: int, extractor: _Extractor) -> PreparedSurfaces:
+    """Add coarser details."""
     if details == 0:
         return prepared
     start = time.perf_counter()
     surfaces = prepared.surfaces
-    isovalues = prepared.plan.isovalues
 
     def extracted(detail: int) -> SurfaceSet:
         if detail == 0:
             return surfaces
-        options = replace(surfaces.settings, detail=detail).as_keywords()
-        options["progress"] = of_detail(progress, detail)
-        if cache.folder is not None:  # without a budget: it might make room by what the finest needs
-            return _extract_into(cache.folder, volume, isovalues, plain=cache.plain, **options)
-        return extract_surfaces(volume, isovalues, **options)
+        return extractor.surfaces(prepared.plan.isovalues, replace(surfaces.settings, detail=detail))
 
     coarser = with_details(extracted, details)
     seconds = prepared.seconds | {"details": time.perf_counter() - start}
     return prepared._replace(surfaces=coarser, seconds=seconds)
 
 
-def _refined_enough(volume: Volume, plan: IsovaluePlan, options: dict[str, Any]) -> tuple[SurfaceSet, float]:
+def _refined_enough(
+    plan: IsovaluePlan, settings: ExtractionSettings, extractor: _Extractor
+) -> tuple[SurfaceSet, float]:
     """Surfaces within AUTO_DISTANCE of the isosurfaces, or the finest that may be had; and their distance."""
     for refine in REFINEMENTS:
-        surfaces = extract_surfaces(volume, plan.isovalues, refine=refine, residuals=True, **options)
+        tried = replace(settings, refine=refine, residuals=True)
+        surfaces = extractor.without_cache().surfaces(plan.isovalues, tried)
         distance = mesh_distance(surfaces)
         if (
             distance <= AUTO_DISTANCE
@@ -165,19 +177,12 @@ def _refined_enough(volume: Volume, plan: IsovaluePlan, options: dict[str, Any])
     return surfaces, distance
 
 
-def _extract_into(cache: Path, volume: Volume, isovalues: object, **options: object) -> SurfaceSet:
-    return extract_with_cache(volume, isovalues, cache, **options)  # type: ignore[arg-type]  # passed through
-
-
 def _for_tolerance(
     volume: Volume,
     transfer_function: TransferFunction,
     quality: Quality,
     nan_masked: bool,
-    progress: Progress | None,
-    *,
-    cache: Path | None,
-    **kept: Any,
+    extractor: _Extractor,
 ) -> PreparedSurfaces:
     """Search for a plan; its surfaces go through the cache where there is one."""
     from isosample.rendering.tolerance import plan_for_tolerance
@@ -193,13 +198,10 @@ def _for_tolerance(
         max_refine=quality.refine or REFINEMENTS[-1],
         nan_masked=nan_masked,
         lit=quality.lit,
-        progress=progress,
+        progress=extractor.progress,
     )
     planned = time.perf_counter()
-    surfaces = found.surfaces
-    if cache is not None:
-        options = surfaces.settings.as_keywords() | kept | {"progress": of_detail(progress, 0)}
-        surfaces = _extract_into(cache, volume, found.plan.isovalues, extracted=surfaces, **options)
+    surfaces = extractor.surfaces(found.plan.isovalues, found.surfaces.settings, found.surfaces)
     return PreparedSurfaces(
         surfaces, found.plan, {"plan": planned - start, "extract": time.perf_counter() - planned}
     )
