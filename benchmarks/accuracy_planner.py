@@ -14,8 +14,8 @@ from isosample.integral.reference import integrate_rays
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.camera import Camera
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.planning_views import reached
 from isosample.rendering.settings import RenderSettings
+from isosample.rendering.shown_error import shown_error
 from isosample.rendering.tolerance import expected_error, plan_for_tolerance
 from isosample.surfaces.extract import extract_surfaces
 
@@ -107,7 +107,7 @@ def _tried(case: _Case, planned: TolerancePlan, tolerance: str) -> Iterator[Row]
                 "triangles": sum(planned.surfaces.statistics.triangles),
                 "missed": planned.missed,
                 "planning": _rounded(planned.reached),
-                "reached": _rounded(reached(above)),
+                "reached": _rounded(shown_error(above)),
                 "indicator": _rounded(estimates["indicator"]),
                 "mesh": _rounded(estimates["mesh"]),
                 "expected": _rounded(expected_error(estimates, planned.report)),

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from isosample.defaults import IMAGE_SUFFIXES, SHOWN_QUANTILE
+from isosample.defaults import IMAGE_SUFFIXES
 from isosample.errors import InputError, MissingDependencyError
 from isosample.files import replacing, write_array
 from isosample.integral.list_errors import judge_lists
 from isosample.rendering.picture_lists import crossing_lists, least_sheet_slope, visible_parts
+from isosample.rendering.shown_error import shown_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,8 +67,8 @@ class ErrorMap:
         return np.stack([self.indicator, self.interval, self.mesh], axis=-1)
 
     def percentiles(self) -> dict[str, float]:
-        """Error that a thousandth of the pixels exceed, by name."""
-        return {name: quantile(getattr(self, name)) for name in PANELS}
+        """Error that no more than a thousandth of the pixels exceed, by name."""
+        return {name: shown_error(getattr(self, name)) for name in PANELS}
 
     def save(self, path: str | Path) -> Path:
         """Write the maps; the file appears whole or not at all.
@@ -113,7 +114,7 @@ class ErrorMap:
             shown = place.imshow(
                 np.maximum(values, norm.vmin), norm=norm, cmap="magma", interpolation="nearest"
             )
-            place.set_title(f"{title}\n99.9 % of the pixels below {quantile(values):.2g}", fontsize=10)
+            place.set_title(f"{title}\n99.9 % of the pixels below {shown_error(values):.2g}", fontsize=10)
             place.set_axis_off()
         bar = figure.colorbar(shown, ax=axes, shrink=0.9, pad=0.01)
         bar.set_label("error of a component, premultiplied linear RGBA")
@@ -184,11 +185,6 @@ def error_map(
         if progress is not None:
             progress(done, width * height)
     return ErrorMap(*maps.reshape(3, height, width))
-
-
-def quantile(values: F32) -> float:
-    """Error that a thousandth of the pixels exceed."""
-    return float(np.quantile(values, SHOWN_QUANTILE)) if values.size else 0.0
 
 
 def check_matplotlib() -> None:

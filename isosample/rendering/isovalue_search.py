@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_PER_SLOPE
-from isosample.rendering.planning_views import reached
+from isosample.rendering.shown_error import shown_error
 from isosample.transfer.isovalue_plan import CONSTANT_SLOPES
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.slope_values import plateau_values
@@ -125,7 +125,7 @@ def search_isovalues(
         lists = crossings(plan.isovalues)
         integrals = integrate_lists(lists, plan, reach=0.0, least_slope=least_slope)
         errors = views.errors(integrals.rgba)
-        error = reached(errors)
+        error = shown_error(errors)
         rounds.append({"isovalues": count, "error": error})
         if best is None or error < best.error:
             best = IsovalueSearch(plan, error, rounds)

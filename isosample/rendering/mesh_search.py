@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.planning_views import reached
 from isosample.rendering.settings import RenderSettings, SegmentRule
+from isosample.rendering.shown_error import shown_error
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.settings import LARGEST_GROWTH, LEAST_FLATNESS, REFINEMENTS
 from isosample.surfaces.surface_set import count_per_level
@@ -171,7 +171,7 @@ def search_mesh(
             break
         surfaces = known.surfaces(plan.isovalues, step)
         errors = views.errors(_pictures(surfaces, plan, views))
-        error, triangles = reached(errors), sum(surfaces.statistics.triangles)
+        error, triangles = shown_error(errors), sum(surfaces.statistics.triangles)
         above = float(np.mean(errors > tolerance))
         rounds.append({**step._asdict(), "triangles": triangles, "error": error, "above": above})
         if best is None or error < best[0]:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from isosample.defaults import SHOWN_QUANTILE
 from isosample.integral.reference import ReferenceTracer
 from isosample.rendering.camera import Camera
 
@@ -89,8 +88,3 @@ class PlanningViews:
 def orbit_views(box: Box) -> tuple[Camera, ...]:
     """Return the default views of a box."""
     return tuple(Camera.orbit(box, azimuth=a, elevation=e) for a, e in DEFAULT_ORBIT)
-
-
-def reached(errors: F64) -> float:
-    """Error that no more than a thousandth of the rays exceed."""
-    return float(np.quantile(errors, SHOWN_QUANTILE, method="higher"))

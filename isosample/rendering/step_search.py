@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.defaults import SHOWN_QUANTILE
-from isosample.rendering.planning_views import PlanningViews, orbit_views, reached
+from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
+from isosample.rendering.shown_error import shown_error
 from isosample.rendering.stage_progress import of_stage
 from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.grid import check_is_volume
@@ -141,4 +142,4 @@ def _error(
     size = (views.pixels, views.pixels)
     with RayCaster(volume, transfer_function, raycast=raycast, nan_masked=nan_masked) as caster:
         pictures = [caster.render(camera=camera, size=size).rgba.reshape(-1, 4) for camera in views.cameras]
-    return reached(views.errors(np.concatenate(pictures)))
+    return shown_error(views.errors(np.concatenate(pictures)))

@@ -13,9 +13,11 @@ from isosample.errors import InputError
 from isosample.rendering import isovalue_search, mesh_search
 from isosample.rendering.camera import Camera
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.planning_views import PlanningViews, orbit_views, reached
+from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.rendering.reference_image import render_reference
+from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.settings import RenderSettings, SegmentRule
+from isosample.rendering.shown_error import shown_error
 from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, expected_error, plan_for_tolerance
 from isosample.surfaces.extract import ExtractionSettings, extract_surfaces
 from isosample.transfer.isovalue_plan import IsovaluePlan, Reason
@@ -105,7 +107,7 @@ def test_the_tolerance_is_kept_on_the_planning_views(tf: str, reconstruction: Re
     errors = errors_on(plan, TFS[tf], list(orbit_views(nucleon().box)), nucleon())
     assert np.mean(errors > 1 / 64) <= 1e-3
     # the same pictures again: they differ from the report by the truths' 1e-3 · tolerance and by float32
-    assert reached(errors) == pytest.approx(plan.reached, abs=1e-3 / 64 + 1e-5)
+    assert shown_error(errors) == pytest.approx(plan.reached, abs=1e-3 / 64 + 1e-5)
 
 
 @pytest.mark.usefixtures("gl")
@@ -273,8 +275,16 @@ def test_samples_that_are_not_finite_are_refused() -> None:
 def test_no_more_than_a_thousandth_of_the_rays_exceed_what_is_reached() -> None:
     for count in (100, 999, 1000, 2304, 9216):
         errors = np.random.default_rng(count).random(count)
-        assert np.mean(errors > reached(errors)) <= 1e-3
-    assert reached(np.arange(9216.0)) == 9206
+        assert np.mean(errors > shown_error(errors)) <= 1e-3
+    assert shown_error(np.arange(9216.0)) == 9206
+
+
+def test_error_maps_tell_the_same_of_their_pixels() -> None:
+    errors = np.random.default_rng(7).random((48, 48)).astype(np.float32)
+    told = ErrorMap(errors, errors, errors).percentiles()
+    assert told == dict.fromkeys(PANELS, shown_error(errors))
+    # Three pixels of 2304, more than a thousandth, exceed what lies 0.999 of the way from the first to the last.
+    assert np.mean(errors > told["mesh"]) <= 1e-3
 
 
 def test_bands_that_weigh_most_are_divided_and_one_by_its_optics() -> None:
