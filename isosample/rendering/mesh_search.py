@@ -39,6 +39,13 @@ MORE_STEPS = 2  # with half the flatness each, after the largest refinement
 DOMINANT = 2.0  # the mesh dominates where the picture errs by more than this many times the exact crossings
 
 
+class Stop(NamedTuple):
+    """Why a mesh is not refined further, in words, and whether for the number of its triangles."""
+
+    reason: str
+    too_many_triangles: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class MeshSearch:
     """A refinement, the error of its pictures, and how it was found.
@@ -51,22 +58,19 @@ class MeshSearch:
         What a thousandth of the pixels exceed.
     missed : str or None
         None where the tolerance is reached, else "isovalues" or "mesh".
-    reason : str
-        Why the mesh is not refined further, in words.
+    stop : Stop
+        Why the mesh is not refined further.
     rounds : list of dict
         ``refine``, ``flatness``, ``triangles``, ``error`` and ``above`` (share of the pixels above the tolerance) of
         every refinement that was tried, JSON-ready.
-    limited : bool
-        Whether the number of triangles ended the search.
     """
 
     refine: int
     surfaces: SurfaceSet
     error: float
     missed: str | None
-    reason: str
+    stop: Stop
     rounds: list[dict[str, Any]]
-    limited: bool = False
 
 
 class Step(NamedTuple):
@@ -163,11 +167,10 @@ def search_mesh(
     """
     rounds: list[dict[str, Any]] = []
     best: tuple[float, int, SurfaceSet] | None = None
-    limited = False
-    reason = f"refine {steps[-1].refine} is the limit"
+    stop = Stop(f"refine {steps[-1].refine} is the limit")
     for done, step in enumerate(steps, start=1):
-        if done > 1 and (stop := _no_further(rounds, max_triangles)):
-            reason, limited = stop, "triangles" in stop
+        if done > 1 and (found := _no_further(rounds, max_triangles)) is not None:
+            stop = found
             break
         surfaces = known.surfaces(plan.isovalues, step)
         errors = views.errors(_pictures(surfaces, plan, views))
@@ -179,23 +182,24 @@ def search_mesh(
         if progress is not None:
             progress(done, len(steps))
         if error <= max(MARGIN * tolerance, SMALL_SHARE * exact_error):
-            reason = "its error is no longer the larger part"
+            stop = Stop("its error is no longer the larger part")
             break
     assert best is not None
     missed = None if best[0] <= tolerance else "mesh" if best[0] > DOMINANT * exact_error else "isovalues"
-    return MeshSearch(best[1], best[2], best[0], missed, reason, rounds, limited)
+    return MeshSearch(best[1], best[2], best[0], missed, stop, rounds)
 
 
-def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> str:
-    """Why a further refinement is not tried; empty where it is."""
+def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> Stop | None:
+    """Why a further refinement is not tried; None where it is."""
     last = rounds[-1]
     growth = _next_growth([entry["triangles"] for entry in rounds])
     if len(rounds) > 1 and all(last[part] > LEAST_GAIN * rounds[-2][part] for part in ("error", "above")):
-        return f"refining from {_named(rounds[-2])} to {_named(last)} did not help"
+        return Stop(f"refining from {_named(rounds[-2])} to {_named(last)} did not help")
     predicted = int(growth * last["triangles"])
     if predicted > max_triangles:
-        return f"a finer one could have {predicted} triangles, more than {max_triangles}"
-    return ""
+        told = f"a finer one could have {predicted} triangles, more than {max_triangles}"
+        return Stop(told, too_many_triangles=True)
+    return None
 
 
 def _named(entry: dict[str, Any]) -> str:

@@ -15,7 +15,7 @@ from isosample.gl.context import shared_context
 from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_isovalues
-from isosample.rendering.mesh_search import KnownMeshes, search_mesh, steps_of_search
+from isosample.rendering.mesh_search import KnownMeshes, Stop, search_mesh, steps_of_search
 from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
@@ -239,7 +239,7 @@ def _search(
         )
         if best is None or meshes.error < best[1].error:
             best = (isovalues, meshes)
-        if not (meshes.missed == "mesh" and meshes.limited):
+        if not (meshes.missed == "mesh" and meshes.stop.too_many_triangles):
             break
     assert best is not None
     isovalues, meshes = best
@@ -247,7 +247,7 @@ def _search(
         told = (
             f"meshes of more isovalues, refined as they need, would have more than {max_triangles} triangles"
         )
-        meshes = dataclasses.replace(meshes, missed="mesh", reason=told)
+        meshes = dataclasses.replace(meshes, missed="mesh", stop=Stop(told, too_many_triangles=True))
     return isovalues, meshes
 
 
@@ -319,7 +319,7 @@ def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -
     if meshes.missed is None:
         return f"{count} isovalues and refine {meshes.refine} reach the tolerance on the views"
     if meshes.missed == "mesh":
-        return f"the mesh errs more than the tolerance, and {meshes.reason}"
+        return f"the mesh errs more than the tolerance, and {meshes.stop.reason}"
     allowed = count < max_isovalues // 2  # a round doubles their number at most
     limit = "no band can be divided further" if allowed else f"at most {max_isovalues} were allowed"
     return f"{count} isovalues leave an error of {isovalues.error:.3g} with exact crossings; {limit}"

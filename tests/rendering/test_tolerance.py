@@ -12,6 +12,7 @@ import pytest
 from isosample.errors import InputError
 from isosample.rendering import isovalue_search, mesh_search
 from isosample.rendering.camera import Camera
+from isosample.rendering.mesh_search import Stop
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.rendering.reference_image import render_reference
@@ -350,26 +351,35 @@ def test_how_many_triangles_a_further_refinement_has(triangles: list[int], growt
 @pytest.mark.parametrize(
     ("rounds", "expected"),
     [
-        ([(100, 0.5, 0.1)], ""),
-        ([(300, 0.5, 0.1)], "could have 1200 triangles, more than 1000"),
-        ([(100, 0.5, 0.1), (300, 0.4, 0.1)], ""),
-        ([(100, 0.5, 0.1), (300, 0.5, 0.05)], ""),
-        ([(100, 0.5, 0.1), (300, 0.48, 0.095)], "from refine 1 to refine 2, flatness 0.004 did not help"),
+        ([(100, 0.5, 0.1)], None),
+        (
+            [(300, 0.5, 0.1)],
+            Stop("a finer one could have 1200 triangles, more than 1000", too_many_triangles=True),
+        ),
+        ([(100, 0.5, 0.1), (300, 0.4, 0.1)], None),
+        ([(100, 0.5, 0.1), (300, 0.5, 0.05)], None),
+        (
+            [(100, 0.5, 0.1), (300, 0.48, 0.095)],
+            Stop("refining from refine 1 to refine 2, flatness 0.004 did not help"),
+        ),
         (
             [(100, 0.5, 0.1), (150, 0.4, 0.1), (200, 0.3, 0.1), (250, 0.29, 0.1)],
-            "from refine 4, flatness 0.002 to refine 4, flatness 0.001 did not help",
+            Stop("refining from refine 4, flatness 0.002 to refine 4, flatness 0.001 did not help"),
         ),
-        ([(200, 0.5, 0.1), (600, 0.2, 0.05)], "could have 1800 triangles"),
+        (
+            [(200, 0.5, 0.1), (600, 0.2, 0.05)],
+            Stop("a finer one could have 1800 triangles, more than 1000", too_many_triangles=True),
+        ),
     ],
 )
-def test_when_a_mesh_is_not_refined_further(rounds: list[tuple[int, float, float]], expected: str) -> None:
+def test_when_a_mesh_is_not_refined_further(
+    rounds: list[tuple[int, float, float]], expected: Stop | None
+) -> None:
     entries = [
         {**step._asdict(), "triangles": triangles, "error": error, "above": above}
         for step, (triangles, error, above) in zip(mesh_search.steps_of_search(4, 2e-3), rounds, strict=False)
     ]
-    stop = mesh_search._no_further(entries, 1000)
-    assert expected in stop
-    assert bool(stop) == bool(expected)
+    assert mesh_search._no_further(entries, 1000) == expected
 
 
 def test_the_truth_is_that_of_the_reference() -> None:
