@@ -46,18 +46,26 @@ def replacing(
     """
     temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")  # short, whatever the name
     try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("xb") as file:
-            yield file
-        os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
+        with failure_told(path, error_class):
+            if make_folder:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("xb") as file:
+                yield file
+            os.replace(temporary, path)  # noqa: PTH105  # named for what it is: the atomic step
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def failure_told(path: Path, error_class: type[IsosampleError] = InputError) -> Iterator[None]:
+    """Raise `error_class`, with the path and the reason, where the block cannot write a file."""
+    try:
+        yield
     except OSError as error:
         raise error_class(
             f"{path} cannot be written: {error.strerror or error}. Choose another path."
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def write_array(file: IO[bytes], array: npt.NDArray[np.generic]) -> None:

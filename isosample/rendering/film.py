@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_FRAME_RATE, FILM_SUFFIXES, IMAGE_SUFFIXES, LARGEST_GIF_RATE
 from isosample.errors import InputError
-from isosample.files import replacing
+from isosample.files import failure_told, replacing
 from isosample.rendering.image import Image, srgb_from_linear
 
 if TYPE_CHECKING:
@@ -74,9 +74,11 @@ class Film:
         suffix = self._path.suffix.lower()
         if suffix in IMAGE_SUFFIXES:
             self._writer = _Numbered(self.paths, self._files)
-        else:
-            file = self._files.enter_context(replacing(self._path))
+            return self
+        with ExitStack() as opened:
+            file = opened.enter_context(replacing(self._path))
             self._writer = (_Mp4 if suffix == ".mp4" else _Gif)(file, self._size, self._frame_rate)
+            self._files = opened.pop_all()
         return self
 
     def add(self, image: Image) -> None:
@@ -85,7 +87,7 @@ class Film:
         Raises
         ------
         InputError
-            If it has another size than the film, or the film has all its frames.
+            If it has another size than the film, the film has all its frames, or the file cannot be written.
         """
         assert self._writer is not None
         height, width = image.rgba.shape[:2]
@@ -93,7 +95,8 @@ class Film:
             raise InputError(f"a frame of {width} x {height} pixels does not fit a film of {self._size}.")
         if self._added == self._count:
             raise InputError(f"the film was to have {self._count} frames, and one more is added.")
-        self._writer.add(image)
+        with failure_told(self._path):
+            self._writer.add(image)
         self._added += 1
 
     def __exit__(
@@ -102,13 +105,23 @@ class Film:
         assert self._writer is not None
         if error is None and self._added == self._count:
             with self._files:
-                self._writer.finish()
+                self._finish(self._writer)
             return
         self._writer.abandon()
-        with suppress(_AbandonedError), self._files:
+        # InputError: a full disk fails once more where files are closed.
+        with suppress(_AbandonedError, InputError), self._files:
             raise _AbandonedError
         if error is None:
             raise InputError(f"the film was to have {self._count} frames, and has {self._added}.")
+
+    @staticmethod
+    def _finish(writer: _Writer) -> None:
+        """Complete the file, or let go of it."""
+        try:
+            writer.finish()
+        except BaseException:
+            writer.abandon()
+            raise
 
 
 class _AbandonedError(Exception):
@@ -164,7 +177,7 @@ class _Writer(Protocol):
         ...
 
     def abandon(self) -> None:
-        """Free what the file is not needed for any more."""
+        """Free what the file is not needed for any more; raises nothing."""
         ...
 
 
@@ -178,8 +191,9 @@ class _Numbered:
     def add(self, image: Image) -> None:
         path = next(self._paths)
         file = self._files.enter_context(replacing(path))
-        image.write(file, path.suffix)
-        file.close()  # a long film has more frames than a process may have open files
+        with failure_told(path):
+            image.write(file, path.suffix)
+            file.close()  # a long film has more frames than a process may have open files
 
     def finish(self) -> None: ...
 
@@ -225,7 +239,7 @@ class _Mp4:
         import av
         from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 
-        self._frame_of = av.VideoFrame.from_ndarray
+        self._frame_of, self._error = av.VideoFrame.from_ndarray, av.FFmpegError
         self._colors: dict[str, Any] = {"format": "yuv420p", "dst_colorspace": Colorspace.ITU709}
         self._container = av.open(file, "w", format="mp4")
         rate = Fraction(frame_rate).limit_denominator(1000)
@@ -245,7 +259,9 @@ class _Mp4:
         self._container.close()
 
     def abandon(self) -> None:
-        self._container.close()
+        # Closing writes, perhaps onto the full disk for whose sake the film is given up.
+        with suppress(OSError, self._error):
+            self._container.close()
 
 
 def on_black(image: Image) -> npt.NDArray[np.uint8]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import PIL.Image
@@ -11,6 +13,9 @@ import pytest
 from isosample.errors import InputError
 from isosample.rendering.film import Film, film_paths, on_black
 from isosample.rendering.image import Image
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SIZE = (32, 24)
 COUNT = 5
@@ -115,6 +120,42 @@ def test_a_film_that_is_not_finished_leaves_what_was_there(tmp_path: Path, suffi
     with pytest.raises(raised):
         make()
     assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [(old.name, b"old")]
+
+
+@pytest.mark.parametrize("limit", [40, 1_500, 9_000])
+@pytest.mark.parametrize("suffix", [".mp4", ".gif", ".png", ".npy"])
+def test_a_film_that_does_not_fit_is_told_with_the_reason_and_vanishes(
+    tmp_path: Path, suffix: str, limit: int
+) -> None:
+    """The system's limit for the size of a file stands for a full disk; frames of noise take more than any of these."""
+    if suffix == ".mp4":
+        pytest.importorskip("av", reason="extra video")
+    count = 80 if suffix == ".mp4" else COUNT  # the encoder looks about 40 frames ahead before it writes
+    noise = np.random.default_rng(4).random((count, 64, 64, 4), dtype=np.float32)
+    path = tmp_path / f"film{suffix}"
+
+    def make() -> None:
+        with Film(path, (64, 64), count) as film:
+            for rgba in noise:
+                film.add(Image(rgba))
+
+    with limited_files(limit), pytest.raises(InputError) as told:
+        make()
+    failed = film_paths(path, count)[0]
+    assert str(told.value) == f"{failed} cannot be written: File too large. Choose another path."
+    assert not list(tmp_path.iterdir())
+
+
+@contextmanager
+def limited_files(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond `size` bytes."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def test_more_frames_than_announced_are_refused(tmp_path: Path) -> None:
