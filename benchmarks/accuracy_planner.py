@@ -13,10 +13,11 @@ from benchmarks.accuracy_scenes import nucleon, scans, shell
 from isosample.integral.reference import integrate_rays
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.camera import Camera
+from isosample.rendering.expected_error import expected_error
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.settings import RenderSettings
 from isosample.rendering.shown_error import shown_error
-from isosample.rendering.tolerance import expected_error, plan_for_tolerance
+from isosample.rendering.tolerance import plan_for_tolerance
 from isosample.surfaces.extract import extract_surfaces
 
 if TYPE_CHECKING:

@@ -231,7 +231,7 @@ def error_line(errors: dict[str, float]) -> str:
 
 def say_tolerance(errors: dict[str, float], plan: IsovaluePlan) -> None:
     """Tell where this view may miss the tolerance that its plan was made for."""
-    from isosample.rendering.tolerance import expected_error
+    from isosample.rendering.expected_error import expected_error
 
     tolerance, expected = plan.report["tolerance"], expected_error(errors, plan.report)
     if expected > tolerance:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_PER_SLOPE
+from isosample.rendering.picture_lists import least_sheet_slope
+from isosample.rendering.quality import shares_for_light
 from isosample.rendering.shown_error import shown_error
 from isosample.transfer.isovalue_plan import CONSTANT_SLOPES
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.slope_values import plateau_values
+from isosample.volume.reconstruction import GridSpline
+from isosample.volume.statistics import gradient_at_values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from isosample.integral.crossing_lists import CrossingLists
     from isosample.rendering.planning_views import PlanningViews
@@ -24,6 +29,8 @@ if TYPE_CHECKING:
     from isosample.transfer.sample_shares import SampleShares
     from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.grid import Volume
+    from isosample.volume.reconstruction import Reconstruction
 
     Crossings = Callable[[npt.NDArray[np.float64]], CrossingLists]
 
@@ -136,6 +143,60 @@ def search_isovalues(
         share = min(max(0.5 * (math.sqrt(error / target) - 1.0), LEAST_SHARE), LARGEST_SHARE)
         weights = _band_weights(lists, plan, errors > JUDGED * target, least_slope)
         extra += _middles(plan, weights, share, max_isovalues - count)
+
+
+def search_field(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    views: PlanningViews,
+    reconstruction: Reconstruction,
+    *,
+    target: float,
+    max_isovalues: int,
+    lit: bool,
+    progress: Callable[[int, int], None] | None = None,
+) -> IsovalueSearch:
+    """Search isovalues for exact crossings of the field that a volume's reconstruction gives.
+
+    Parameters
+    ----------
+    views, target, max_isovalues, lit, progress
+        As for `search_isovalues`.
+    volume : Volume
+    transfer_function : TransferFunction
+    reconstruction : Reconstruction
+    """
+    from isosample.integral.grid_crossings import grid_crossings
+
+    smooth = reconstruction.smooth
+    low, high = GridSpline.build(volume, reconstruction).value_range if smooth else volume.value_range
+    origins, directions = views.rays
+    return search_isovalues(
+        views,
+        transfer_function,
+        (low, high),
+        lambda values: grid_crossings(volume, values, origins, directions, reconstruction=reconstruction),
+        target=target,
+        max_isovalues=max_isovalues,
+        gradients=_remembered(partial(gradient_at_values, volume)),
+        least_slope=least_sheet_slope((low, high), volume.box),
+        lit=lit,
+        shares=shares_for_light(volume, transfer_function) if lit else None,
+        progress=progress,
+    )
+
+
+def _remembered(gradients: Gradients) -> Gradients:
+    """Gradients that are measured once for every list of values."""
+    known: dict[tuple[float, ...], Sequence[float | None]] = {}
+
+    def look_up(values: Sequence[float]) -> Sequence[float | None]:
+        key = tuple(values)
+        if key not in known:
+            known[key] = gradients(values)
+        return known[key]
+
+    return look_up
 
 
 def _band_weights(

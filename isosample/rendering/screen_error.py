@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from isosample.defaults import DEFAULT_SCREEN_ERROR
 from isosample.errors import InputError
+from isosample.rendering.expected_error import expected_error
 from isosample.rendering.settings import RenderSettings, check_size
-from isosample.rendering.tolerance import expected_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

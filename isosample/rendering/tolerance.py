@@ -4,38 +4,33 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, SHOWN_QUANTILE, SMALLEST_ERROR
-from isosample.errors import InputError
+from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, SHOWN_QUANTILE
 from isosample.gl.context import shared_context
-from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
-from isosample.rendering.isovalue_search import search_isovalues
+from isosample.rendering.isovalue_search import search_field
 from isosample.rendering.mesh_search import KnownMeshes, Stop, search_mesh, steps_of_search
-from isosample.rendering.picture_lists import least_sheet_slope
 from isosample.rendering.pipeline import Renderer
-from isosample.rendering.planning_views import PlanningViews, orbit_views
-from isosample.rendering.quality import shares_for_light
+from isosample.rendering.planning_views import PlanningViews
+from isosample.rendering.search_options import check_limits, check_tolerance, views_to_try
+from isosample.rendering.stage_progress import of_stage
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
-from isosample.volume.reconstruction import GridSpline, Reconstruction
-from isosample.volume.statistics import gradient_at_values
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
 
+    from isosample.rendering.camera import Camera
     from isosample.rendering.isovalue_search import IsovalueSearch
     from isosample.rendering.mesh_search import MeshSearch
+    from isosample.rendering.stage_progress import Progress
     from isosample.surfaces.surface_set import SurfaceSet
     from isosample.transfer.isovalue_plan import IsovaluePlan
-    from isosample.transfer.sheets import Gradients
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-
-    Progress = Callable[[str, int, int], None]
 
 SAFETY = 0.5  # share of the tolerance for the isovalues; the rest is the mesh's
 LOOSENED = (
@@ -152,7 +147,8 @@ def plan_for_tolerance(
     picture should be given where that one alone counts.
     """
     least = {"pixels": (pixels, 8), "max_isovalues": (max_isovalues, 1), "max_triangles": (max_triangles, 1)}
-    _check(tolerance, max_refine, least)
+    check_tolerance(tolerance)
+    check_limits(max_refine, least)
     settings = ExtractionSettings(
         nan_masked=nan_masked,
         reconstruction=reconstruction,
@@ -160,8 +156,7 @@ def plan_for_tolerance(
         flatness=float(np.clip(tolerance, *FLATNESS_RANGE)),
     )
     check_volume(volume, settings)
-    cameras = orbit_views(volume.box) if views is None else tuple(views)
-    _check_views(cameras)
+    cameras = views_to_try(volume.box, views)
     shared_context()  # a missing driver is told before the long work
     tried = PlanningViews.trace(
         volume,
@@ -170,7 +165,7 @@ def plan_for_tolerance(
         pixels,
         tolerance=tolerance,
         reconstruction=reconstruction,
-        progress=_stage(progress, "truth"),
+        progress=of_stage(progress, "truth"),
     )
     isovalues, meshes = _search(
         volume,
@@ -217,15 +212,15 @@ def _search(
     for looser in LOOSENED:
         if best is not None and SAFETY * looser * tolerance >= best[1].error:
             break  # exact crossings may then err as much as the meshes that are there
-        isovalues = _search_isovalues(
+        isovalues = search_field(
             volume,
             transfer_function,
             views,
-            SAFETY * looser * tolerance,
             settings.reconstruction,
-            max_isovalues,
-            progress,
+            target=SAFETY * looser * tolerance,
+            max_isovalues=max_isovalues,
             lit=lit,
+            progress=of_stage(progress, "isovalues"),
         )
         meshes = search_mesh(
             known,
@@ -235,7 +230,7 @@ def _search(
             exact_error=isovalues.error,
             steps=steps_of_search(max_refine, settings.flatness),
             max_triangles=max_triangles,
-            progress=_stage(progress, "refine"),
+            progress=of_stage(progress, "refine"),
         )
         if best is None or meshes.error < best[1].error:
             best = (isovalues, meshes)
@@ -251,66 +246,12 @@ def _search(
     return isovalues, meshes
 
 
-def expected_error(estimates: Mapping[str, float], report: Mapping[str, Any]) -> float:
-    """Error that a thousandth of a view's pixels are expected to exceed.
-
-    Parameters
-    ----------
-    estimates : mapping
-        `ErrorMap.percentiles` of the view.
-    report : mapping
-        Of the plan.
-
-    Returns
-    -------
-    error : float
-        What was reached on the views of the plan, times the larger of the ratios by which the indicator and the
-        estimate of the mesh's error are larger here than there (1 at least); one that was 0 there is left out.
-        Neither promises anything, and neither sees silhouettes.
-    """
-    known = report["estimates"]
-    ratios = [estimates[name] / known[name] for name in ("indicator", "mesh") if known[name] > 0.0]
-    return float(report["reached"] * max([1.0, *ratios]))
-
-
 def _estimates(surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews) -> dict[str, float]:
     """Percentiles of the error maps of all views together."""
     with Renderer(surfaces, plan) as renderer:
         maps = [renderer.error_map(camera=c, size=(views.pixels, views.pixels)) for c in views.cameras]
     together = ErrorMap(*(np.stack([getattr(m, name) for m in maps]) for name in PANELS))
     return together.percentiles()
-
-
-def _search_isovalues(
-    volume: Volume,
-    transfer_function: TransferFunction,
-    views: PlanningViews,
-    target: float,
-    reconstruction: Reconstruction,
-    max_isovalues: int,
-    progress: Progress | None,
-    *,
-    lit: bool,
-) -> IsovalueSearch:
-    """Isovalues for exact crossings of the volume's own field."""
-    from isosample.integral.grid_crossings import grid_crossings
-
-    smooth = reconstruction.smooth
-    low, high = GridSpline.build(volume, reconstruction).value_range if smooth else volume.value_range
-    origins, directions = views.rays
-    return search_isovalues(
-        views,
-        transfer_function,
-        (low, high),
-        lambda values: grid_crossings(volume, values, origins, directions, reconstruction=reconstruction),
-        target=target,
-        max_isovalues=max_isovalues,
-        gradients=_remembered(partial(gradient_at_values, volume)),
-        least_slope=least_sheet_slope((low, high), volume.box),
-        lit=lit,
-        shares=shares_for_light(volume, transfer_function) if lit else None,
-        progress=_stage(progress, "isovalues"),
-    )
 
 
 def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -> str:
@@ -323,43 +264,3 @@ def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -
     allowed = count < max_isovalues // 2  # a round doubles their number at most
     limit = "no band can be divided further" if allowed else f"at most {max_isovalues} were allowed"
     return f"{count} isovalues leave an error of {isovalues.error:.3g} with exact crossings; {limit}"
-
-
-def _remembered(gradients: Gradients) -> Gradients:
-    """Gradients that are measured once for every list of values."""
-    known: dict[tuple[float, ...], Sequence[float | None]] = {}
-
-    def look_up(values: Sequence[float]) -> Sequence[float | None]:
-        key = tuple(values)
-        if key not in known:
-            known[key] = gradients(values)
-        return known[key]
-
-    return look_up
-
-
-def _check(tolerance: object, max_refine: object, counts: Mapping[str, tuple[object, int]]) -> None:
-    """Raise `InputError` for an option out of range; `counts` are whole numbers and the least each may be."""
-    number = isinstance(tolerance, (int, float, np.floating)) and not isinstance(tolerance, bool)
-    if not number or not SMALLEST_ERROR <= cast("float", tolerance) <= 1:
-        raise InputError(
-            f"tolerance {tolerance!r} must be a number from {SMALLEST_ERROR:g} to 1, for instance 1/256."
-        )
-    for name, (count, least) in counts.items():
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < least:
-            raise InputError(f"{name} {count!r} must be a whole number >= {least}.")
-    if isinstance(max_refine, bool) or max_refine not in REFINEMENTS:
-        raise InputError(f"max_refine {max_refine!r} must be one of {REFINEMENTS}.")
-
-
-def _check_views(cameras: Sequence[object]) -> None:
-    """Raise `InputError` unless there are cameras and nothing else."""
-    if not cameras:
-        raise InputError("views is empty; give at least one camera, or None for views from all sides.")
-    for i, camera in enumerate(cameras):
-        if not isinstance(camera, Camera):
-            raise InputError(f"views[{i}] is {camera!r}; expected a Camera.")
-
-
-def _stage(progress: Progress | None, stage: str) -> Callable[[int, int], None] | None:
-    return None if progress is None else partial(progress, stage)

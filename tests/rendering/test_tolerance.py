@@ -12,14 +12,15 @@ import pytest
 from isosample.errors import InputError
 from isosample.rendering import isovalue_search, mesh_search
 from isosample.rendering.camera import Camera
+from isosample.rendering.error_map import PANELS, ErrorMap
+from isosample.rendering.expected_error import expected_error
 from isosample.rendering.mesh_search import Stop
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.rendering.reference_image import render_reference
-from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.settings import RenderSettings, SegmentRule
 from isosample.rendering.shown_error import shown_error
-from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, expected_error, plan_for_tolerance
+from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, plan_for_tolerance
 from isosample.surfaces.extract import ExtractionSettings, extract_surfaces
 from isosample.transfer.isovalue_plan import IsovaluePlan, Reason
 from isosample.transfer.isovalues import plan_isovalues
