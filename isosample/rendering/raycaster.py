@@ -19,11 +19,12 @@ from isosample.rendering.camera import Camera
 from isosample.rendering.device_macrocells import DeviceMacrocells
 from isosample.rendering.device_transfer import DeviceTransfer
 from isosample.rendering.device_volume import DeviceVolume
-from isosample.rendering.frame import camera_block, set_tile, shared_constants, storage_dtype, uniform_dtype
+from isosample.rendering.frame import camera_block, set_tile, uniform_dtype
 from isosample.rendering.image import Image
 from isosample.rendering.picture_target import PictureTarget
-from isosample.rendering.programs import Programs, storage_bindings
+from isosample.rendering.programs import Programs
 from isosample.rendering.ray_blocks import RayBlocks
+from isosample.rendering.ray_buffers import RayBuffers
 from isosample.rendering.ray_sampling import fill_sampling
 from isosample.rendering.ray_statistics import RayStatistics
 from isosample.rendering.raycast_settings import RaycastSettings
@@ -38,8 +39,6 @@ from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    import moderngl
 
     from isosample.rendering.programs import Program
     from isosample.volume.grid import Volume
@@ -156,11 +155,8 @@ class RayCaster:
                     self._ctx, grid, self._settings, self._transfer.visible_intervals()
                 )
                 made.callback(self._macrocells.release)
-            self._frame_buffer = self._buffer(made, uniform_dtype("Frame").itemsize)
-            self._raycast_buffer = self._buffer(made, uniform_dtype("Raycast").itemsize)
-            self._counters = self._buffer(made, storage_dtype("RayCounters").itemsize)
-            self._states = self._buffer(made, TILE_PIXELS * storage_dtype("RayState").itemsize)
-            self._states.clear()
+            self._buffers = RayBuffers(self._ctx, TILE_PIXELS)
+            made.callback(self._buffers.release)
             self._tile_number = 0
             self._blocks = RayBlocks(self._ctx)
             made.callback(self._blocks.release)
@@ -241,22 +237,17 @@ class RayCaster:
         found.tiles += 1
         unfinished, resumed = tile.pixel_count, False
         while unfinished:
-            self._counters.clear()
+            self._buffers.clear_counters()
             self._blocks.fill(self._target, tile, self._program(settings, resumed=resumed))
             self._ctx.memory_barrier()
-            counters = np.frombuffer(self._counters.read(), dtype=storage_dtype("RayCounters"))[0]
+            counters = self._buffers.counters()
             found.add(counters)
             unfinished = int(counters["unfinished_rays"])
             resumed = True
 
     def _write(self, frame: npt.NDArray[np.void], block: npt.NDArray[np.void]) -> None:
         """Give the shaders their blocks, buffers and textures."""
-        self._frame_buffer.write(frame.tobytes())
-        self._raycast_buffer.write(block.tobytes())
-        self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
-        self._raycast_buffer.bind_to_uniform_block(shared_constants()["BINDING_RAYCAST"])
-        self._counters.bind_to_storage_buffer(storage_bindings()["RayCounterBlock"])
-        self._states.bind_to_storage_buffer(storage_bindings()["RayStates"])
+        self._buffers.write(frame, block)
         for part in (self._volume, self._transfer, self._macrocells):
             part.bind()
 
@@ -276,11 +267,6 @@ class RayCaster:
         for part in (self._volume, self._transfer, self._macrocells):
             part.fill(block[0])
         return block
-
-    def _buffer(self, made: ExitStack, size_bytes: int) -> moderngl.Buffer:
-        buffer = self._ctx.buffer(reserve=size_bytes)
-        made.callback(buffer.release)
-        return buffer
 
     def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
         check_is_transfer_function(transfer_function)
