@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -38,12 +39,9 @@ from isosample.volume.macrocells import MacrocellGrid
 from isosample.volume.reconstruction import GridSpline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from isosample.rendering.programs import Program
+    from isosample.rendering.stage_progress import Progress
     from isosample.volume.grid import Volume
-
-    Progress = Callable[[str, int, int], None]
 
 TILE_PIXELS = 1 << 18  # a call is then far from the seconds after which drivers give up on it
 LOOP_LIMIT = 1024  # stretches and macrocells of a ray in one call; llvmpipe ends all loops after 65535 turns
@@ -149,7 +147,8 @@ class RayCaster:
                     self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
                 )
                 made.callback(self._volume.release)
-                self._transfer = self._device_transfer(transfer_function or TransferFunction.suggest(volume))
+                self._transfer_function = transfer_function or TransferFunction.suggest(volume)
+                self._transfer = self._device_transfer(self._transfer_function, self._settings)
                 made.callback(lambda: self._transfer.release())
                 self._macrocells = DeviceMacrocells(
                     self._ctx, grid, self._settings, self._transfer.visible_intervals()
@@ -182,10 +181,15 @@ class RayCaster:
         CapacityError
             If a table is larger than the driver's textures.
         """
-        transfer = self._device_transfer(transfer_function)
-        self._transfer.release()
-        self._transfer = transfer
-        self._macrocells.update(transfer.visible_intervals())
+        self._take(self._device_transfer(transfer_function, self._settings))
+        self._transfer_function = transfer_function
+        self._macrocells.update(self._transfer.visible_intervals())
+
+    def set_step(self, step: float) -> None:
+        """Take even samples `step` voxels apart, with volume and macrocells as they are; raises as `raycast`."""
+        settings = replace(self._settings, step=step)
+        self._take(self._device_transfer(self._transfer_function, settings))
+        self._settings = settings
 
     def render(
         self,
@@ -268,12 +272,16 @@ class RayCaster:
             part.fill(block[0])
         return block
 
-    def _device_transfer(self, transfer_function: TransferFunction) -> DeviceTransfer:
+    def _device_transfer(
+        self, transfer_function: TransferFunction, settings: RaycastSettings
+    ) -> DeviceTransfer:
         check_is_transfer_function(transfer_function)
-        voxel = min(self._geometry.spacing)
-        return DeviceTransfer(
-            self._ctx, transfer_function, self._scale, self._settings, self._settings.step * voxel
-        )
+        length = settings.step * min(self._geometry.spacing)
+        return DeviceTransfer(self._ctx, transfer_function, self._scale, settings, length)
+
+    def _take(self, transfer: DeviceTransfer) -> None:
+        self._transfer.release()
+        self._transfer = transfer
 
     def _statistics(
         self, found: RayStatistics, size: tuple[int, int], seconds: dict[str, float]

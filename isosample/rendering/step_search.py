@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.defaults import SHOWN_QUANTILE
-from isosample.rendering.planning_views import PlanningViews, orbit_views
+from isosample.rendering.planning_views import PlanningViews
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
+from isosample.rendering.search_options import check_tolerance, views_to_try
 from isosample.rendering.shown_error import shown_error
 from isosample.rendering.stage_progress import of_stage
 from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.grid import check_is_volume
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from isosample.rendering.camera import Camera
     from isosample.rendering.stage_progress import Progress
@@ -85,7 +86,9 @@ def step_for_tolerance(
 
     Raises
     ------
-    InputError, CapacityError, OpenGLError
+    InputError
+        As `RayCaster`; also if the tolerance is out of range, or the views are no cameras.
+    CapacityError, OpenGLError
         As `RayCaster`.
 
     Notes
@@ -93,29 +96,23 @@ def step_for_tolerance(
     Methods of order 2: the next step aims for `AIM` of the tolerance by that. Other views are not proven to be within
     the tolerance, as with `plan_for_tolerance`.
     """
+    check_tolerance(tolerance)
     check_is_volume(volume)
     check_is_transfer_function(transfer_function)
-    own = replace(raycast or RaycastSettings(), sampling=Sampling.UNIFORM)
-    tried = PlanningViews.trace(
-        volume,
-        transfer_function,
-        orbit_views(volume.box) if views is None else tuple(views),
-        PIXELS,
-        tolerance=tolerance,
-        reconstruction=own.reconstruction,
-        progress=of_stage(progress, "truth"),
-    )
-    rounds: list[dict[str, float]] = []
-    step = LONGEST
-    while len(rounds) < ROUNDS:
-        error = _error(volume, transfer_function, replace(own, step=step), tried, nan_masked=nan_masked)
-        rounds.append({"step": step, "error": error})
-        if progress is not None:
-            progress("step", len(rounds), ROUNDS)
-        if error <= tolerance or step <= SHORTEST:
-            break
-        share = math.sqrt(AIM * tolerance / error)
-        step = max(step * min(max(share, LEAST_SHARE), LARGEST_SHARE), SHORTEST)
+    cameras = views_to_try(volume.box, views)
+    own = replace(raycast or RaycastSettings(), sampling=Sampling.UNIFORM, step=LONGEST)
+    # Made first, as it tells of a volume that cannot be rendered, and of a missing driver, before the long work.
+    with RayCaster(volume, transfer_function, raycast=own, nan_masked=nan_masked) as caster:
+        tried = PlanningViews.trace(
+            volume,
+            transfer_function,
+            cameras,
+            PIXELS,
+            tolerance=tolerance,
+            reconstruction=own.reconstruction,
+            progress=of_stage(progress, "truth"),
+        )
+        rounds = _rounds(caster, tried, tolerance, of_stage(progress, "step"))
     best = min(rounds, key=lambda one: one["error"])
     report = {
         "tolerance": tolerance,
@@ -130,16 +127,29 @@ def step_for_tolerance(
     return StepSearch(best["step"], best["error"], report)
 
 
-def _error(
-    volume: Volume,
-    transfer_function: TransferFunction,
-    raycast: RaycastSettings,
+def _rounds(
+    caster: RayCaster,
     views: PlanningViews,
-    *,
-    nan_masked: bool,
-) -> float:
+    tolerance: float,
+    progress: Callable[[int, int], None] | None,
+) -> list[dict[str, float]]:
+    """Steps that were tried in turn, with their errors; the caster begins with the longest."""
+    rounds: list[dict[str, float]] = []
+    step = LONGEST
+    while True:
+        error = _error(caster, views)
+        rounds.append({"step": step, "error": error})
+        if progress is not None:
+            progress(len(rounds), ROUNDS)
+        if error <= tolerance or step <= SHORTEST or len(rounds) == ROUNDS:
+            return rounds
+        share = math.sqrt(AIM * tolerance / error)
+        step = max(step * min(max(share, LEAST_SHARE), LARGEST_SHARE), SHORTEST)
+        caster.set_step(step)
+
+
+def _error(caster: RayCaster, views: PlanningViews) -> float:
     """Error of the ray caster's pictures of the views."""
     size = (views.pixels, views.pixels)
-    with RayCaster(volume, transfer_function, raycast=raycast, nan_masked=nan_masked) as caster:
-        pictures = [caster.render(camera=camera, size=size).rgba.reshape(-1, 4) for camera in views.cameras]
+    pictures = [caster.render(camera=camera, size=size).rgba.reshape(-1, 4) for camera in views.cameras]
     return shown_error(views.errors(np.concatenate(pictures)))
