@@ -38,6 +38,7 @@ DEFAULT_TABLE_SIZE, TABLE_SIZE_RANGE = 256, (2, 1024)  # of pre-integration, alo
 DEFAULT_PEAK_BINS, PEAK_BIN_RANGE = 256, (16, 1024)  # of the peak table, along an edge
 DEFAULT_PEAKS, MOST_PEAKS = 1, 4  # of an entry of that table
 DEFAULT_ROOT_ITERATIONS = 3  # secant steps
+EXACT_PEAKS: Final = {"peak_weight": "integral", "crossings": "exact"}  # the peak finding that `auto` means
 
 # a comparison, from coarse to fine
 DEFAULT_STEPS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)  # [voxel]

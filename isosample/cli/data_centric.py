@@ -131,15 +131,19 @@ def _within_tolerance(
     progress: Progress,
 ) -> RenderSettings:
     """Let meshes be as coarse as the scene's tolerance allows, where nothing is said about it."""
-    report = scene.plan.report
-    judged = report and scene.surfaces.details and scene.surfaces.settings.residuals
-    if not judged or args.screen_error is not None:
+    if args.screen_error is not None:
         return settings
-    from isosample.rendering.screen_error import screen_error_within
+    from isosample.rendering.screen_error import settings_within
 
-    told = partial(progress, "details")
-    allowed = screen_error_within(picture, report, cameras, args.size, settings, told)
-    return replace(settings, screen_error=allowed)
+    return settings_within(
+        picture,
+        scene.surfaces,
+        scene.plan,
+        cameras=cameras,
+        size=args.size,
+        settings=settings,
+        progress=partial(progress, "details"),
+    )
 
 
 def _wants_errors(args: argparse.Namespace, scene: PreparedScene) -> bool:

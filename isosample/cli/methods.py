@@ -9,6 +9,7 @@ from isosample.defaults import (
     CHOSEN_FROM,
     COMPARED_METHODS,
     DATA_CENTRIC,
+    EXACT_PEAKS,
     PEAK_FINDING,
     POST_CLASSIFIED,
     PRE_INTEGRATED,
@@ -150,9 +151,8 @@ def check_tolerance(args: argparse.Namespace) -> None:
             f"{given} is measured against the whole integral, and --peak-mode {args.peak_mode} leaves parts of it out; "
             "leave out one of them."
         )
-    weight = args.peak_weight or (
-        "integral" if args.method == AUTO else "paper"
-    )  # what the methods begin with
+    begins_with = EXACT_PEAKS["peak_weight"] if args.method == AUTO else "paper"
+    weight = args.peak_weight or begins_with
     if weight == "paper":
         raise InputError(
             f"{given} cannot be searched for with --peak-weight paper: the paper's weights do not converge to the "

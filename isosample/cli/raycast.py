@@ -17,7 +17,7 @@ from isosample.cli.methods import (
 from isosample.cli.outputs import check_driver, write_json
 from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
-from isosample.defaults import PEAK_FINDING
+from isosample.defaults import EXACT_PEAKS, PEAK_FINDING
 from isosample.wording import thousands
 
 if TYPE_CHECKING:
@@ -118,11 +118,11 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
         "crossings": Crossings,
     }
     given = {name: getattr(args, name) for name in RAYCAST_OPTIONS if getattr(args, name) is not None}
+    if args.choice is not None and args.method == PEAK_FINDING:
+        given = exact_peaks(args) | given
     chosen: dict[str, Any] = {
         name: kinds[name](value) if name in kinds else value for name, value in given.items()
     }
-    if args.choice is not None and args.method == PEAK_FINDING:
-        chosen = exact_peaks(args) | chosen
     return RaycastSettings(
         classification=Classification(args.method),
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
@@ -130,12 +130,10 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
     )
 
 
-def exact_peaks(args: argparse.Namespace) -> dict[str, Any]:
-    """What an automatic choice means by peak finding, where the options do not say otherwise."""
-    from isosample.rendering.raycast_settings import Crossings, PeakWeight
-
+def exact_peaks(args: argparse.Namespace) -> dict[str, str]:
+    """What an automatic choice means by peak finding; without crossings where an option says something of a table's."""
     by_table = any(getattr(args, name) is not None for name in NEEDS if NEEDS[name][0] == "crossings")
-    return {"peak_weight": PeakWeight.INTEGRAL, **({} if by_table else {"crossings": Crossings.EXACT})}
+    return {name: value for name, value in EXACT_PEAKS.items() if not (by_table and name == "crossings")}
 
 
 def _step_for(

@@ -14,7 +14,7 @@ from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality
 from isosample.rendering.raycast_settings import Classification, RaycastSettings, Sampling
 from isosample.rendering.raycaster import RayCaster
-from isosample.rendering.screen_error import screen_error_within
+from isosample.rendering.screen_error import settings_within
 from isosample.rendering.settings import RenderSettings
 from isosample.wording import fraction_text
 
@@ -185,12 +185,10 @@ class SurfaceContender:
         start = time.perf_counter()
         surfaces, plan = self._prepared.surfaces, self._prepared.plan
         self._renderer = Renderer(surfaces, plan)
-        self._settings = self._scene.render
-        if plan.report and surfaces.details:
-            allowed = screen_error_within(
-                self._renderer, plan.report, cameras, self._scene.size, self._settings
-            )
-            self._settings = replace(self._settings, screen_error=allowed)
+        scene = self._scene
+        self._settings = settings_within(
+            self._renderer, surfaces, plan, cameras=cameras, size=scene.size, settings=scene.render
+        )
         return time.perf_counter() - start
 
     def frame(self, camera: Camera) -> Image:

@@ -7,7 +7,15 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from isosample.defaults import CHOSEN_FROM, DATA_CENTRIC, DEFAULT_SIZE, PEAK_FINDING, PRE_INTEGRATED
+from isosample.defaults import (
+    CHOSEN_FROM,
+    DATA_CENTRIC,
+    DEFAULT_MAX_ISOVALUES,
+    DEFAULT_SIZE,
+    EXACT_PEAKS,
+    PEAK_FINDING,
+    PRE_INTEGRATED,
+)
 from isosample.errors import InputError
 from isosample.gl.context import is_software, shared_context
 from isosample.rendering.camera import Camera
@@ -108,9 +116,11 @@ def choose_method(
         Pixels.
     settings : RenderSettings, optional
     quality : Quality, optional
-        Of the data-centric method; with a material in `settings` taken for `lit`.
+        Of the data-centric method; with a material in `settings` taken for `lit`. What refined and coarser meshes cost
+        is not measured: `refine` must be 1 (None with a tolerance), without `details`, and `max_isovalues` the default.
     raycast : RaycastSettings, optional
-        Of the ray caster: its step; `raycast_settings_for` says what else it should be.
+        Of the ray caster: its step; `raycast_settings_for` says what else it should be. The reconstruction must be that
+        of `quality`, where both are given.
     among : sequence of str
         Methods to choose from. Of the ray caster's two only one is estimated: peak finding where the transfer
         function has isosurfaces or peaks too narrow for samples, else pre-integration.
@@ -126,7 +136,8 @@ def choose_method(
     Raises
     ------
     InputError
-        If the volume cannot be rendered, or there is nothing to choose from.
+        If the volume cannot be rendered, there is nothing to choose from, or the methods cannot be compared with such
+        a `quality` and `raycast`.
     OpenGLError
         If `software` is None and there is no usable OpenGL.
 
@@ -142,10 +153,11 @@ def choose_method(
     """
     started = time.process_time()
     check_size(size)
-    settings, quality = settings or RenderSettings(), quality or Quality()
+    settings = settings or RenderSettings()
+    quality, raycast = _of_one_field(quality, raycast)
+    _check_measured(quality)
     if settings.material is not None:
         quality = dataclasses.replace(quality, lit=True)
-    raycast = raycast or RaycastSettings(reconstruction=quality.reconstruction)
     unknown = sorted(set(among) - set(CHOSEN_FROM))
     if unknown or not among:
         raise InputError(f"methods {list(among)} must be some of {', '.join(CHOSEN_FROM)}.")
@@ -204,14 +216,42 @@ def raycast_settings_for(method: str, template: RaycastSettings | None = None) -
     return dataclasses.replace(
         template,
         classification=classification,
-        peak_weight=PeakWeight.INTEGRAL,
-        crossings=Crossings.EXACT,
+        peak_weight=PeakWeight(EXACT_PEAKS["peak_weight"]),
+        crossings=Crossings(EXACT_PEAKS["crossings"]),
     )
 
 
 def is_sharp(plan: IsovaluePlan) -> bool:
     """Whether a transfer function has isosurfaces, or peaks that are narrower than meshes can tell."""
     return any(reason in (Reason.IMPULSE, Reason.SHEET) for reason in plan.reasons)
+
+
+def _of_one_field(
+    quality: Quality | None, raycast: RaycastSettings | None
+) -> tuple[Quality, RaycastSettings]:
+    """Settings of both methods; one that is not given takes the reconstruction of the other."""
+    if raycast is None:
+        quality = quality or Quality()
+        return quality, RaycastSettings(reconstruction=quality.reconstruction)
+    quality = quality or Quality(reconstruction=raycast.reconstruction)
+    if quality.reconstruction is not raycast.reconstruction:
+        raise InputError(
+            f"quality has the reconstruction {quality.reconstruction.value}, and raycast "
+            f"{raycast.reconstruction.value}; methods are compared on one field: give both the same."
+        )
+    return quality, raycast
+
+
+def _check_measured(quality: Quality) -> None:
+    """Raise `InputError` for options with which the method through isosurfaces costs what nobody has measured."""
+    refine = 1 if quality.tolerance is None else None
+    for name, measured in (("refine", refine), ("details", 0), ("max_isovalues", DEFAULT_MAX_ISOVALUES)):
+        given = getattr(quality, name)
+        if given != measured:
+            raise InputError(
+                f"{name} {given!r}: what it costs is not measured, so that no method can be chosen with it; pass "
+                f"{name}={measured!r}, or choose the method yourself."
+            )
 
 
 def _possible(plan: IsovaluePlan, among: Sequence[str]) -> list[str]:

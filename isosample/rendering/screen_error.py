@@ -17,10 +17,41 @@ if TYPE_CHECKING:
 
     from isosample.rendering.camera import Camera
     from isosample.rendering.pipeline import Renderer
+    from isosample.surfaces.stored_surfaces import StoredSurfaces
+    from isosample.surfaces.surface_set import SurfaceSet
+    from isosample.transfer.isovalue_plan import IsovaluePlan
 
 LOOKED_AT = 192  # pixels of the longer edge of the pictures whose errors are looked at
 HALVINGS = 3
 ESTIMATES = ("indicator", "mesh")  # of `expected_error`
+
+
+def settings_within(
+    renderer: Renderer,
+    surfaces: SurfaceSet | StoredSurfaces,
+    plan: IsovaluePlan,
+    *,
+    cameras: Sequence[Camera],
+    size: tuple[int, int],
+    settings: RenderSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> RenderSettings:
+    """Return settings whose `screen_error` keeps to the tolerance that a plan was made for.
+
+    Parameters
+    ----------
+    renderer : Renderer
+        Of `surfaces` and `plan`.
+    surfaces, plan
+        Where there are no coarser meshes, no residuals to judge them by, or no tolerance, the settings stay as they
+        are.
+    cameras, size, settings, progress
+        As for `screen_error_within`.
+    """
+    if not (plan.report and surfaces.details and surfaces.settings.residuals):
+        return settings
+    allowed = screen_error_within(renderer, plan.report, cameras, size, settings, progress)
+    return replace(settings, screen_error=allowed)
 
 
 def screen_error_within(

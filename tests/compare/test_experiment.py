@@ -24,6 +24,7 @@ from isosample.compare.results import write_results, write_table
 from isosample.compare.sweep import Sweep
 from isosample.defaults import COMPARED_METHODS
 from isosample.errors import InputError
+from isosample.rendering import screen_error
 from isosample.rendering.image import Image
 from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 
@@ -237,7 +238,7 @@ def test_meshes_for_a_tolerance_are_as_coarse_as_all_views_allow(monkeypatch: py
         seen.extend([report["tolerance"], *cameras])
         return 0.0625
 
-    monkeypatch.setattr(contenders, "screen_error_within", within)
+    monkeypatch.setattr(screen_error, "screen_error_within", within)
     scene = replace(blob_scene(), details=1, size=(12, 8))
     for parameter, value, expected in ((Parameter.TOLERANCE, 1 / 8, 0.0625), (Parameter.PER_SLOPE, 1, 0.25)):
         one = contenders.contender(scene, Setting("data-centric", parameter, value))

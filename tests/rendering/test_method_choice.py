@@ -231,6 +231,39 @@ def test_unknown_methods_are_refused(among: tuple[str, ...]) -> None:
         choose_method(ball(9), spheres(5.0), among=among, software=True)
 
 
+@pytest.mark.parametrize(
+    "quality",
+    [
+        Quality(refine=8),
+        Quality(refine=None),
+        Quality(details=5),
+        Quality(tolerance=1 / 64),
+        Quality(tolerance=1 / 64, refine=None, max_isovalues=9),
+    ],
+)
+def test_a_quality_whose_costs_are_not_measured_is_refused_by_name(quality: Quality) -> None:
+    other = Quality(tolerance=quality.tolerance, refine=1 if quality.tolerance is None else None)
+    (name,) = (n for n in ("refine", "details", "max_isovalues") if getattr(quality, n) != getattr(other, n))
+    with pytest.raises(InputError, match=f"{name} {getattr(quality, name)}: what it costs is not measured"):
+        choose_method(ball(9), spheres(5.0), size=SIZE, software=True, quality=quality)
+
+
+def test_methods_are_compared_on_one_field() -> None:
+    volume, tf = ball(17), ramp_tf(5.0, 20.0, (0.1, 0.2))
+    smooth = RaycastSettings(reconstruction=Reconstruction.CUBIC)
+    with pytest.raises(InputError, match="quality has the reconstruction trilinear, and raycast cubic"):
+        choose_method(volume, tf, size=SIZE, software=True, quality=Quality(), raycast=smooth)
+    by_rays = choose_method(volume, tf, size=SIZE, software=True, raycast=smooth)
+    quality = Quality(reconstruction=Reconstruction.CUBIC)
+    by_surfaces = choose_method(volume, tf, size=SIZE, software=True, quality=quality)
+    assert by_rays.load == by_surfaces.load
+    seconds, expected = (
+        {one.method: (one.prepare_seconds, one.frame_seconds) for one in found.estimates}
+        for found in (by_rays, by_surfaces)
+    )
+    assert seconds == expected
+
+
 class Chunked(LazySamples):
     """Samples in memory that stand for a chunked file, and tell how many slices were decoded."""
 

@@ -172,7 +172,11 @@ def test_a_tolerance_adds_its_search_and_its_load(volume: Volume, monkeypatch: p
         {
             one.method: one
             for one in choose_method(
-                volume, tf, size=(64, 64), software=True, quality=Quality(tolerance=e, refine=None)
+                volume,
+                tf,
+                size=(64, 64),
+                software=True,
+                quality=Quality(tolerance=e, refine=1 if e is None else None),
             ).estimates
         }
         for e in (None, tolerance)
