@@ -13,6 +13,7 @@ from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
 from isosample.cli.summary import (
     check_strict,
+    say_if_coarse,
     say_if_empty,
     say_if_nothing_is_seen,
     scene_fields,
@@ -111,6 +112,7 @@ def _film(
             more=scene_statistics(scene, args),
             fields=scene_fields(scene, settings.screen_error),
         )
+    say_if_coarse(scene)
     if not say_if_empty(scene.plan, scene.transfer_function):
         empty.say_why(scene.surfaces.geometry.box)
     return 0

@@ -10,7 +10,7 @@ from isosample.cli import arguments, values
 from isosample.cli.console import note, progress_bars, say_fields, seconds
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.parser import add_command
-from isosample.cli.summary import details_field, tolerance_fields
+from isosample.cli.summary import details_field, say_if_coarse, tolerance_fields
 from isosample.wording import byte_size, thousands
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def keep_to_budget(folder: Path, budget: int) -> dict[str, str]:
 
 
 def summarise(folder: Path, scene: PreparedScene, duration: float, more: dict[str, str]) -> None:
-    """Write where the meshes are and what they hold, and `more` rows."""
+    """Write where the meshes are, what they hold and `more` rows, and whether they are near enough."""
     from isosample.surfaces.cache_folders import folder_bytes
 
     found = scene.surfaces.statistics
@@ -199,3 +199,4 @@ def summarise(folder: Path, scene: PreparedScene, duration: float, more: dict[st
             "seconds": seconds(duration),
         }
     )
+    say_if_coarse(scene)

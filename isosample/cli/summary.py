@@ -126,16 +126,20 @@ def summarise(
     if errors is not None:
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
-    distance = scene.mesh_distance
-    if distance is not None and distance > AUTO_DISTANCE:
-        say(
-            f"--refine auto ended at {stats['refine']}, {_why_ended(stats['refine'])}: the meshes are "
-            f"{distance:.2g} voxel (rms) from the "
-            f"isosurfaces, not within {AUTO_DISTANCE:g}; isosample filter smooths what bends so much"
-        )
+    say_if_coarse(scene)
     say_flaws(stats, width * height)
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def say_if_coarse(scene: PreparedScene) -> None:
+    """Tell of an automatic refinement that did not come near enough, why it ended, and what helps."""
+    distance, refine = scene.mesh_distance, scene.surfaces.settings.refine
+    if distance is not None and distance > AUTO_DISTANCE:
+        say(
+            f"--refine auto ended at {refine}, {_why_ended(refine)}: the meshes are {distance:.2g} voxel (rms) from "
+            f"the isosurfaces, not within {AUTO_DISTANCE:g}; isosample filter smooths what bends so much"
+        )
 
 
 def _why_ended(refine: int) -> str:

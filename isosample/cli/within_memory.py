@@ -48,7 +48,7 @@ def precompute_within(
         scan.tell(volume)
         remember(volume, scan, folder)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
-        surfaces, plan, durations = prepare_stored_surfaces(
+        surfaces, plan, durations, distance = prepare_stored_surfaces(
             volume,
             tf,
             quality,
@@ -68,6 +68,7 @@ def precompute_within(
         name=volume.name,
         tf_origin=origin,
         seconds=durations,
+        mesh_distance=distance,
     )
     return folder, scene
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES
-from isosample.rendering.quality import mesh_distance, plan_for
+from isosample.rendering.quality import plan_for
+from isosample.rendering.refinement import refined_enough
 from isosample.rendering.stage_progress import of_detail
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.detail_sets import with_details
 from isosample.surfaces.extract import extract_surfaces
-from isosample.surfaces.settings import LARGEST_GROWTH, REFINEMENTS, ExtractionSettings
+from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,7 +103,9 @@ def prepare_surfaces(
     )
     refined, distance = None, None
     if quality.refine is None:
-        refined, distance = _refined_enough(plan, settings, extractor)
+        refined, distance = refined_enough(
+            partial(extractor.without_cache().surfaces, plan.isovalues), settings
+        )
         settings = refined.settings
     else:
         settings = replace(settings, refine=quality.refine)
@@ -159,22 +162,6 @@ def _with_details(prepared: PreparedSurfaces, details: int, extractor: _Extracto
     coarser = with_details(extracted, details)
     seconds = prepared.seconds | {"details": time.perf_counter() - start}
     return prepared._replace(surfaces=coarser, seconds=seconds)
-
-
-def _refined_enough(
-    plan: IsovaluePlan, settings: ExtractionSettings, extractor: _Extractor
-) -> tuple[SurfaceSet, float]:
-    """Surfaces within AUTO_DISTANCE of the isosurfaces, or the finest that may be had; and their distance."""
-    for refine in REFINEMENTS:
-        tried = replace(settings, refine=refine, residuals=True)
-        surfaces = extractor.without_cache().surfaces(plan.isovalues, tried)
-        distance = mesh_distance(surfaces)
-        if (
-            distance <= AUTO_DISTANCE
-            or LARGEST_GROWTH * sum(surfaces.statistics.triangles) > DEFAULT_MAX_TRIANGLES
-        ):
-            break
-    return surfaces, distance
 
 
 def _for_tolerance(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import InputError
-from isosample.rendering.quality import Quality, mesh_distance, plan_for
+from isosample.rendering.quality import Quality, plan_for
+from isosample.rendering.refinement import refined_enough
 from isosample.rendering.stage_progress import of_detail
 from isosample.surfaces.detail_sets import with_details
 from isosample.surfaces.out_of_core import SurfaceLists, extract_into_store
-from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 
 if TYPE_CHECKING:
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
 
 
 class PreparedInStore(NamedTuple):
-    """Surfaces that stay in a store, the plan they were extracted for, and the seconds of both stages."""
+    """Surfaces that stay in a store, the plan they were extracted for; the others as of `PreparedSurfaces`."""
 
     surfaces: StoredSurfaces
     plan: IsovaluePlan
     seconds: dict[str, float]
+    mesh_distance: float | None = None
 
 
 def prepare_stored_surfaces(
@@ -74,31 +76,31 @@ def prepare_stored_surfaces(
     scan.tell(volume)
     plan = plan_for(volume, transfer_function, quality)
     planned = time.perf_counter()
-    choices = REFINEMENTS if quality.refine is None else (quality.refine,)
+    settings = ExtractionSettings(
+        nan_masked=nan_masked, reconstruction=quality.reconstruction, residuals=residuals
+    )
 
-    def extracted(refine: int, detail: int = 0) -> StoredSurfaces:
-        settings = ExtractionSettings(
-            nan_masked=nan_masked,
-            reconstruction=quality.reconstruction,
-            refine=refine,
-            residuals=residuals or quality.refine is None,
-            detail=detail,
-        )
-        store = MeshStore(lists.folder, plain=plain)
+    def extracted(settings: ExtractionSettings) -> StoredSurfaces:
         return extract_into_store(
             volume,
             plan.isovalues,
-            store,
+            MeshStore(lists.folder, plain=plain),
             settings=settings,
             memory=memory,
             scan=scan,
             lists=lists,
-            progress=of_detail(progress, detail),
+            progress=of_detail(progress, settings.detail),
         )
 
-    for refine in choices:
-        surfaces = extracted(refine)
-        if quality.refine is None and mesh_distance(surfaces) <= AUTO_DISTANCE:
-            break
-    coarser = with_details(lambda detail: extracted(refine, detail) if detail else surfaces, quality.details)
-    return PreparedInStore(coarser, plan, {"plan": planned - start, "extract": time.perf_counter() - planned})
+    distance = None
+    if quality.refine is None:
+        surfaces, distance = refined_enough(extracted, settings)
+    else:
+        surfaces = extracted(replace(settings, refine=quality.refine))
+
+    def of_one_detail(detail: int) -> StoredSurfaces:
+        return extracted(replace(surfaces.settings, detail=detail)) if detail else surfaces
+
+    detailed = with_details(of_one_detail, quality.details)
+    seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
+    return PreparedInStore(detailed, plan, seconds, distance)

@@ -45,6 +45,24 @@ def test_a_lazy_volume_leaves_the_folder_that_a_volume_in_memory_leaves(run: Run
         assert memory[name] == lazy[name], name
 
 
+@pytest.mark.parametrize("most", [1, 10**9])
+def test_automatic_refinement_ends_where_it_ends_in_memory(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """Noise does not come within 0.01 voxel of its isosurfaces, however finely it is divided."""
+    np.save("noise.npy", np.random.default_rng(3).random((6, 6, 6)).astype(np.float32) * 100.0)
+    monkeypatch.setattr("isosample.rendering.refinement.DEFAULT_MAX_TRIANGLES", most)
+    told = []
+    for name, more in (("memory", ""), ("stored", "--memory 16GiB")):
+        outcome = run(f"precompute noise.npy --tf tf.json --refine auto --cache {name} {more}")
+        assert outcome.status == 0, outcome.err
+        told += [line for line in outcome.out.splitlines() if "--refine auto ended at" in line]
+    assert len(told) == 2
+    assert told[0] == told[1]
+    memory, stored = content(folder / "memory"), content(folder / "stored")
+    assert memory["scene.json"] == stored["scene.json"]
+
+
 def test_a_second_run_looks_at_nothing_again(run: Run, folder: Path) -> None:
     words = "precompute blob.npy --tf tf.json --memory 16GiB --cache meshes"
     assert run(words).status == 0

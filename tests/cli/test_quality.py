@@ -163,13 +163,22 @@ def test_a_strict_picture_with_guesses_is_refused(run: Run, monkeypatch: pytest.
         ),
     ],
 )
+@pytest.mark.parametrize(
+    "command",
+    [
+        "render {} --size 8x8 -o out.npy",
+        "render {} --size 8x8 --turntable 2 -o out.npy",
+        "precompute {} --cache meshes",
+        "precompute {} --cache meshes --memory 16GiB",
+    ],
+)
 def test_a_refinement_that_ends_early_says_why_and_what_helps(
-    run: Run, monkeypatch: pytest.MonkeyPatch, most: int, told: str
+    run: Run, monkeypatch: pytest.MonkeyPatch, command: str, most: int, told: str
 ) -> None:
-    for module in ("rendering.preparation", "cli.summary"):
+    for module in ("rendering.refinement", "cli.summary"):
         monkeypatch.setattr(f"isosample.{module}.AUTO_DISTANCE", 1e-9)
-    monkeypatch.setattr("isosample.rendering.preparation.DEFAULT_MAX_TRIANGLES", most)
-    outcome = run("render blob.npy --tf tf.json --per-slope 0 --refine auto --size 8x8 -o out.npy")
+    monkeypatch.setattr("isosample.rendering.refinement.DEFAULT_MAX_TRIANGLES", most)
+    outcome = run(command.format("blob.npy --tf tf.json --per-slope 0 --refine auto"))
     assert outcome.status == 0, outcome.err
     assert told in outcome.out
     assert "isosample filter" in outcome.out
