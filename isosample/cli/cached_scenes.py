@@ -66,9 +66,12 @@ def scene_from_cache(
     own = _scene_of(folder) if (folder / "scene.json").exists() or given is None else None
     settings = own.surfaces.settings if own else ExtractionSettings()
     settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
+    distance = None
     if own is not None and given is None and per_slope is None:
         surfaces, plan, tf = own.surfaces, own.plan, own.transfer_function
-        if surfaces.settings != settings:
+        if surfaces.settings == settings:
+            distance = own.mesh_distance
+        else:
             surfaces = _surfaces_of(folder, plan.isovalues, settings, len(own.surfaces.details))
     else:
         tf = given if given is not None else own.transfer_function  # type: ignore[union-attr]  # loaded above
@@ -88,6 +91,7 @@ def scene_from_cache(
         name=folder.name,
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
+        mesh_distance=distance,
     )
 
 

@@ -238,5 +238,6 @@ def _extract(
             transfer_function=scene.transfer_function,
             plan=scene.plan,
             name=volume.name,
+            mesh_distance=scene.mesh_distance,
         )
     return scene

@@ -140,6 +140,7 @@ def precompute(
         transfer_function=scene.transfer_function,
         plan=scene.plan,
         name=volume.name,
+        mesh_distance=scene.mesh_distance,
     )
     return folder, scene
 

@@ -60,7 +60,15 @@ def precompute_within(
             plain=args.plain,
             progress=progress,
         )
-    write_cache(folder, surfaces, content_hash=volume_hash, transfer_function=tf, plan=plan, name=volume.name)
+    write_cache(
+        folder,
+        surfaces,
+        content_hash=volume_hash,
+        transfer_function=tf,
+        plan=plan,
+        name=volume.name,
+        mesh_distance=distance,
+    )
     scene = PreparedScene(
         surfaces=surfaces,
         plan=plan,

@@ -57,12 +57,15 @@ class CachedScene:
     plan : IsovaluePlan
     name : str
         Name of the volume.
+    mesh_distance : float or None
+        As of `write_cache`.
     """
 
     surfaces: SurfaceSet
     transfer_function: TransferFunction
     plan: IsovaluePlan
     name: str
+    mesh_distance: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -73,6 +76,7 @@ class OpenedScene:
     transfer_function: TransferFunction
     plan: IsovaluePlan
     name: str
+    mesh_distance: float | None = None
 
 
 def write_cache(
@@ -83,6 +87,7 @@ def write_cache(
     transfer_function: TransferFunction,
     plan: IsovaluePlan,
     name: str = "volume",
+    mesh_distance: float | None = None,
 ) -> None:
     """Write a scene into a folder, next to surfaces of the same volume that are there already.
 
@@ -98,6 +103,8 @@ def write_cache(
     plan : IsovaluePlan
     name : str
         Name of the volume, for messages and titles.
+    mesh_distance : float, optional
+        Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
 
     Raises
     ------
@@ -112,7 +119,7 @@ def write_cache(
         {"settings": part.settings.to_dict(), "surfaces": _written(folder, store, part, content_hash)}
         for part in surfaces.details
     ]
-    scene = {
+    scene: dict[str, Any] = {
         "content_hash": content_hash,
         "settings": surfaces.settings.to_dict(),
         "boundary_sha256": boundary,
@@ -121,6 +128,8 @@ def write_cache(
         "surfaces": _written(folder, store, surfaces, content_hash),
         "details": details,
     }
+    if mesh_distance is not None:
+        scene["mesh_distance"] = mesh_distance
     write_json(folder / "scene.json", "scene", scene)
 
 
@@ -158,6 +167,7 @@ def load_opened(opened: OpenedScene) -> CachedScene:
         transfer_function=opened.transfer_function,
         plan=opened.plan,
         name=opened.name,
+        mesh_distance=opened.mesh_distance,
     )
 
 
@@ -183,6 +193,7 @@ def open_cache(folder: str | Path) -> OpenedScene:
         transfer_function=TransferFunction.from_dict(scene["transfer_function"]),
         plan=IsovaluePlan.from_dict(scene["plan"]),
         name=volume["name"],
+        mesh_distance=scene.get("mesh_distance"),
     )
 
 

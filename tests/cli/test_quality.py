@@ -123,6 +123,22 @@ def test_a_refinement_that_does_not_come_within_its_distance_says_so(run: Run) -
     assert "not within 0.01" in outcome.out
 
 
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_a_cache_whose_refinement_does_not_come_within_its_distance_says_so(run: Run, more: str) -> None:
+    np.save("noise.npy", np.random.default_rng(3).random((6, 6, 6)).astype(np.float32) * 100.0)
+    made = run(f"precompute noise.npy --tf tf.json --refine auto --cache meshes {more}")
+    assert made.status == 0, made.err
+    (told,) = (line for line in made.out.splitlines() if "not within 0.01" in line)
+    drawn = run("render meshes --size 16x16 --stats stats.json -o out.png")
+    assert told in drawn.out.splitlines()
+    distance = statistics()["mesh_distance"]
+    assert isinstance(distance, float)
+    assert distance > AUTO_DISTANCE
+    # Other isovalues are other meshes, of which nothing is known; and without --refine auto nothing is asked for.
+    for command in ("render meshes --per-slope 0", "render noise.npy --tf tf.json"):
+        assert "not within" not in run(f"{command} --size 16x16 -o out.png").out
+
+
 def test_info_takes_no_options_that_it_would_ignore(run: Run) -> None:
     outcome = run("info blob.npy --tf tf.json --plan --tolerance 1/16")
     assert outcome.status == 2
