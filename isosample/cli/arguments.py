@@ -116,8 +116,8 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
         default=UNSET,
         metavar="N",
         help="divide the edges of bent triangles into up to 2, 4 or 8, with the new corners on the isosurface; auto: "
-        f"until the meshes are within {AUTO_DISTANCE:g} voxel of it (default 1; with --tolerance: the most that may "
-        "be chosen, 8)",
+        f"until the meshes are within {AUTO_DISTANCE:g} voxel of it, a cache folder keeping those that were tried "
+        "(default 1; with --tolerance: the most that may be chosen, 8)",
     )
 
 

@@ -70,8 +70,8 @@ def prepare_surfaces(
         Measure the distance of the meshes from the isosurfaces, for error maps; always done for a tolerance and
         for ``refine=None``.
     cache : path, optional
-        Folder whose surfaces of this volume are used again and added to. With ``refine=None`` or a tolerance the
-        search extracts all that it tries, though the folder may hold it; what it finds is added to the folder.
+        Folder whose surfaces of this volume are used again and added to; with ``refine=None`` those of every refinement
+        that is tried. A tolerance's search extracts all that it tries, and only what it finds is added.
     plain, budget_bytes
         As for `extract_with_cache`, where there is a `cache`.
     progress : callable, optional
@@ -101,15 +101,11 @@ def prepare_surfaces(
     settings = ExtractionSettings(
         nan_masked=nan_masked, reconstruction=quality.reconstruction, residuals=residuals
     )
-    refined, distance = None, None
+    distance = None
     if quality.refine is None:
-        refined, distance = refined_enough(
-            partial(extractor.without_cache().surfaces, plan.isovalues), settings
-        )
-        settings = refined.settings
+        surfaces, distance = refined_enough(partial(extractor.surfaces, plan.isovalues), settings)
     else:
-        settings = replace(settings, refine=quality.refine)
-    surfaces = extractor.surfaces(plan.isovalues, settings, refined)
+        surfaces = extractor.surfaces(plan.isovalues, replace(settings, refine=quality.refine))
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
     return _with_details(PreparedSurfaces(surfaces, plan, seconds, distance), quality.details, extractor)
 
@@ -141,10 +137,6 @@ class _Extractor:
             extracted=extracted,
             **options,
         )
-
-    def without_cache(self) -> _Extractor:
-        """The same, which leaves the folder alone."""
-        return replace(self, cache=None)
 
 
 def _with_details(prepared: PreparedSurfaces, details: int, extractor: _Extractor) -> PreparedSurfaces:

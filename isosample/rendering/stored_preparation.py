@@ -53,7 +53,8 @@ def prepare_stored_surfaces(
     volume, transfer_function, quality, nan_masked, residuals, plain, progress
         As for `prepare_surfaces`.
     lists : SurfaceLists
-        Name the cache folder and the volume's content; what its chunks hold is not extracted again.
+        Name the cache folder and the volume's content; what its chunks hold is not extracted again. With
+        ``refine=None`` every refinement that is tried is added.
     memory : int
         Bytes that the whole process may take at its peak.
     scan : BrickScan

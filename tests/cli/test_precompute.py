@@ -171,14 +171,14 @@ def chunks_of(cache: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in cache.glob("chunks/*/*.chunk")}
 
 
-@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+@pytest.mark.parametrize("more", ["", "--refine auto", "--memory 16GiB", "--memory 16GiB --refine auto"])
 def test_an_interrupted_run_says_that_it_can_go_on(
     run: Run, monkeypatch: pytest.MonkeyPatch, more: str
 ) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    name = "stored_preparation.prepare_stored_surfaces" if more else "preparation.prepare_surfaces"
+    name = "stored_preparation.prepare_stored_surfaces" if "--memory" in more else "preparation.prepare_surfaces"
     monkeypatch.setattr(f"isosample.rendering.{name}", interrupt)
     outcome = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
     assert outcome.status == 130

@@ -61,6 +61,8 @@ def test_automatic_refinement_ends_where_it_ends_in_memory(
     assert told[0] == told[1]
     memory, stored = content(folder / "memory"), content(folder / "stored")
     assert memory["scene.json"] == stored["scene.json"]
+    chunks = [{name for name in found if name.endswith(".chunk")} for found in (memory, stored)]
+    assert chunks[0] == chunks[1]
 
 
 def test_a_second_run_looks_at_nothing_again(run: Run, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Surfaces that a search has extracted go into the cache folder as they are: nothing is extracted a second time."""
+"""What a search has extracted goes into the cache folder, and what the folder has is not extracted again."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from isosample.errors import InputError
 from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality
 from isosample.surfaces import cache_levels
+from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
 from isosample.volume.grid import Volume
@@ -23,6 +24,7 @@ from rendering.test_details import blobs
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from isosample.surfaces.mesh import BrickMesh
     from isosample.surfaces.surface_set import SurfaceSet
 
 
@@ -38,8 +40,12 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def assert_same(found: SurfaceSet, expected: SurfaceSet) -> None:
-    assert found.settings == expected.settings
     assert found.statistics == expected.statistics
+    assert_same_meshes(found, expected)
+
+
+def assert_same_meshes(found: SurfaceSet, expected: SurfaceSet) -> None:
+    assert found.settings == expected.settings
     for mesh, other in zip(found.meshes, expected.meshes, strict=True):
         assert (mesh.isovalue, mesh.brick) == (other.isovalue, other.brick)
         np.testing.assert_array_equal(mesh.positions, other.positions)
@@ -50,20 +56,13 @@ def assert_same(found: SurfaceSet, expected: SurfaceSet) -> None:
 @pytest.mark.parametrize(
     "reconstruction", [Reconstruction.TRILINEAR, Reconstruction.CUBIC, Reconstruction.BSPLINE]
 )
-@pytest.mark.parametrize("tolerance", [None, pytest.param(1 / 16, marks=pytest.mark.gl)])
-def test_what_a_search_has_extracted_goes_into_the_folder_as_it_is(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    request: pytest.FixtureRequest,
-    tolerance: float | None,
-    reconstruction: Reconstruction,
+@pytest.mark.usefixtures("gl")
+def test_what_a_search_for_a_tolerance_has_extracted_goes_into_the_folder_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruction: Reconstruction
 ) -> None:
-    if tolerance is not None:
-        request.getfixturevalue("gl")
     volume = blobs(24)
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
-    per_slope = 2 if tolerance is None else None
-    quality = Quality(per_slope=per_slope, tolerance=tolerance, refine=None, reconstruction=reconstruction)
+    quality = Quality(tolerance=1 / 16, refine=None, reconstruction=reconstruction)
     with monkeypatch.context() as watched:
         watched.setattr(cache_levels, "extract_brick", refuse)
         found = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
@@ -75,6 +74,50 @@ def test_what_a_search_has_extracted_goes_into_the_folder_as_it_is(
     assert contents(tmp_path / "found") == contents(tmp_path / "expected")
     assert again.surfaces.statistics.levels_reused == len(levels)
     assert_same(again.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+
+
+@pytest.mark.parametrize("reconstruction", [Reconstruction.TRILINEAR, Reconstruction.BSPLINE])
+def test_automatic_refinement_extracts_nothing_that_the_folder_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruction: Reconstruction
+) -> None:
+    volume = blobs(24)
+    tf = ramp_tf(*volume.value_range, (0.0, 0.4))
+    quality = Quality(per_slope=2, refine=None, reconstruction=reconstruction)
+    first = prepare_surfaces(volume, tf, quality, cache=tmp_path)
+    monkeypatch.setattr(cache_levels, "extract_brick", refuse)
+    again = prepare_surfaces(volume, tf, quality, cache=tmp_path)
+    alone = prepare_surfaces(volume, tf, quality)
+    assert first.surfaces.settings.refine > 1  # so that more than one was tried
+    assert again.surfaces.statistics.levels_reused == len(again.plan.isovalues)
+    for found in (first, again):
+        assert found.mesh_distance == alone.mesh_distance
+        assert_same_meshes(found.surfaces, alone.surfaces)
+
+
+def test_automatic_refinement_goes_on_where_it_was_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = blobs(24)
+    tf = ramp_tf(*volume.value_range, (0.0, 0.4))
+    quality = Quality(per_slope=2, refine=None)
+    visited: list[int] = []
+
+    def interrupted(*arguments: Any, **options: Any) -> list[BrickMesh]:
+        settings = arguments[-1]
+        if settings.refine > 1 and interrupt:
+            raise KeyboardInterrupt
+        visited.append(settings.refine)
+        return extract_brick(*arguments, **options)
+
+    monkeypatch.setattr(cache_levels, "extract_brick", interrupted)
+    interrupt = True
+    with pytest.raises(KeyboardInterrupt):
+        prepare_surfaces(volume, tf, quality, cache=tmp_path)
+    assert visited
+    interrupt, before = False, len(visited)
+    found = prepare_surfaces(volume, tf, quality, cache=tmp_path)
+    assert found.surfaces.settings.refine > 1
+    assert 1 not in visited[before:]
 
 
 def test_automatic_refinement_goes_by_the_outlines_of_curved_triangles_too() -> None:
