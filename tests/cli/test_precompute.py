@@ -178,7 +178,9 @@ def test_an_interrupted_run_says_that_it_can_go_on(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    name = "stored_preparation.prepare_stored_surfaces" if "--memory" in more else "preparation.prepare_surfaces"
+    name = (
+        "stored_preparation.prepare_stored_surfaces" if "--memory" in more else "preparation.prepare_surfaces"
+    )
     monkeypatch.setattr(f"isosample.rendering.{name}", interrupt)
     outcome = run(f"precompute blob.npy --tf tf.json --cache meshes {more}")
     assert outcome.status == 130
