@@ -27,14 +27,13 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalue_plan import IsovaluePlan
     from isosample.volume.grid import Volume
 
-LEAST_GAIN = (
-    0.9  # a refinement that leaves more than this of the error and of the pixels above the tolerance did
-)
-# not help, and no further one will
+# A refinement that leaves more than this of the error and of the pixels above the tolerance did not help, and no
+# further one will; unless hardly an edge was long enough to be divided, so that there are fewer triangles than so many
+# times those before: that says nothing of the next one.
+LEAST_GAIN, TELLING_GROWTH = 0.9, 1.2
 MARGIN = 0.7  # share of the tolerance that the views are to keep to, so that other views keep to all of it
-SMALL_SHARE = (
-    1.3  # where the picture errs by less than this many times the exact crossings, finer meshes cannot help
-)
+# Where the picture errs by less than this many times the exact crossings, finer meshes cannot help.
+SMALL_SHARE = 1.3
 MORE_STEPS = 2  # with half the flatness each, after the largest refinement
 DOMINANT = 2.0  # the mesh dominates where the picture errs by more than this many times the exact crossings
 
@@ -193,8 +192,9 @@ def _no_further(rounds: list[dict[str, Any]], max_triangles: int) -> Stop | None
     """Why a further refinement is not tried; None where it is."""
     last = rounds[-1]
     growth = _next_growth([entry["triangles"] for entry in rounds])
-    if len(rounds) > 1 and all(last[part] > LEAST_GAIN * rounds[-2][part] for part in ("error", "above")):
-        return Stop(f"refining from {_named(rounds[-2])} to {_named(last)} did not help")
+    coarser = [entry for entry in rounds[:-1] if last["triangles"] >= TELLING_GROWTH * entry["triangles"]]
+    if coarser and all(last[part] > LEAST_GAIN * coarser[-1][part] for part in ("error", "above")):
+        return Stop(f"refining from {_named(coarser[-1])} to {_named(last)} did not help")
     predicted = int(growth * last["triangles"])
     if predicted > max_triangles:
         told = f"a finer one could have {predicted} triangles, more than {max_triangles}"

@@ -364,6 +364,14 @@ def test_how_many_triangles_a_further_refinement_has(triangles: list[int], growt
             Stop("refining from refine 1 to refine 2, flatness 0.004 did not help"),
         ),
         (
+            [(100, 0.5, 0.1), (101, 0.5, 0.1)],
+            None,
+        ),  # hardly an edge was divided, and the next step divides some
+        (
+            [(100, 0.5, 0.1), (101, 0.5, 0.1), (120, 0.49, 0.1)],
+            Stop("refining from refine 1 to refine 4, flatness 0.002 did not help"),
+        ),
+        (
             [(100, 0.5, 0.1), (150, 0.4, 0.1), (200, 0.3, 0.1), (250, 0.29, 0.1)],
             Stop("refining from refine 4, flatness 0.002 to refine 4, flatness 0.001 did not help"),
         ),
