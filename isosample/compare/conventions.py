@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.compare.image_pair import Pixels
-from isosample.compare.wood_grain import NYQUIST
+from isosample.compare.wood_grain import GRAIN_TILTS, grain_band_shown
 from isosample.volume.statistics import histogram
 
 if TYPE_CHECKING:
@@ -18,37 +17,42 @@ if TYPE_CHECKING:
 
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.camera import Camera
+    from isosample.volume.grid import Volume
 
 SWEPT = (
     "classification",
     "step",
     "pixel_scale",
 )  # of the ray caster's settings: what an entry has of its own
-GRAIN_TILTS = (15.0, 60.0)  # degrees
 
 
-def grain_band_of(camera: Camera, height: int, voxel: float) -> tuple[float, float]:
+def grain_band_of(camera: Camera, size: tuple[int, int], volume: Volume) -> tuple[float, float] | None:
     """Frequencies at which steps of one voxel show, cut to what the picture can show [cycles/pixel].
 
     Parameters
     ----------
     camera : Camera
-    height : int
+    size : (width, height)
         Of the picture [pixel].
-    voxel : float
-        Smallest spacing [world].
+    volume : Volume
 
     Returns
     -------
-    low, high : float
-        For `wood_grain_energy`: the same band for every method, whatever its step.
+    band : (low, high) or None
+        For `wood_grain_energy`: the same band for every method, whatever its step. None where the picture has no such
+        frequency: it shows less than a voxel, or the volume is behind the eye.
+
+    Notes
+    -----
+    In perspective the distance between rays is taken in the middle of the depths at which the volume's box lies in
+    front of the eye; where the camera's target lies says nothing about it.
     """
     rays = camera.rays(1.0)
-    size = 2.0 * float(np.linalg.norm(rays.span_up)) / height
+    pixel_size = 2.0 * float(np.linalg.norm(rays.span_up)) / size[1]
     if rays.perspective:
-        size *= float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
-    low, high = (math.tan(math.radians(tilt)) * size / voxel for tilt in GRAIN_TILTS)
-    return min(low, NYQUIST / 2.0), min(high, NYQUIST)
+        depths = np.maximum((volume.box.corners() - rays.eye) @ rays.forward, 0.0)
+        pixel_size *= float(depths.min() + depths.max()) / 2.0
+    return grain_band_shown(step=min(volume.spacing), pixel_size=pixel_size, size=size)
 
 
 def backdrop_of(background: Sequence[float]) -> tuple[float, float, float]:
@@ -93,8 +97,7 @@ def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dic
         "details": scene.details,
         "screen_error": render.screen_error,
         "nan_masked": scene.nan_masked,
-        "grain_bands": [
-            list(grain_band_of(camera, scene.size[1], min(scene.volume.spacing))) for camera in cameras
-        ],
+        "grain_tilts": list(GRAIN_TILTS),
+        "grain_bands": [grain_band_of(camera, scene.size, scene.volume) for camera in cameras],
         "pixels_counted": Pixels.ALL.value,
     }

@@ -241,7 +241,7 @@ def _view(place: int, timing: Timing, experiment: Experiment, truth: F32) -> Vie
         truth,
         background=backdrop_of(scene.render.background),
         pixels=Pixels.ALL,
-        grain_band=grain_band_of(experiment.cameras[place], scene.size[1], min(scene.volume.spacing)),
+        grain_band=grain_band_of(experiment.cameras[place], scene.size, scene.volume),
         with_flip=True,
     )
     return View(

@@ -142,7 +142,6 @@ def _setting_facts(settings: Document) -> list[tuple[str, str]]:
     ]
     planes = "; ".join(_vector(plane) for plane in settings["clip_planes"]) or "none"
     sampling = settings["sampling"] + (", adaptive" if settings["adaptive"] else "")
-    bands = "; ".join(f"{low:.3g} to {high:.3g}" for low, high in settings["grain_bands"])
     return [
         ("picture", f"{width} × {height} pixels"),
         *((f"camera {number}", words) for number, words in enumerate(cameras, start=1)),
@@ -160,8 +159,20 @@ def _setting_facts(settings: Document) -> list[tuple[str, str]]:
         ),
         ("peak finding", f"weights: {settings['peak_weight']}; crossings: {settings['crossings']}"),
         ("data-centric", _meshes(settings)),
-        ("wood grain", f"{bands} cycles per pixel: steps of one voxel at tilts of 15° to 60°"),
+        ("wood grain", _grain(settings)),
     ]
+
+
+def _grain(settings: Document) -> str:
+    """In which frequencies of each camera's picture wood grain is looked for."""
+    bands = [
+        "none, the picture shows too little"
+        if band is None
+        else f"{band[0]:.3g} to {band[1]:.3g} cycles per pixel"
+        for band in settings["grain_bands"]
+    ]
+    least, greatest = settings["grain_tilts"]
+    return f"{'; '.join(bands)}: steps of one voxel at tilts of {least:g}° to {greatest:g}°"
 
 
 def _meshes(settings: Document) -> str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64
 
 NYQUIST = 0.5  # cycles/pixel along an axis
+GRAIN_TILTS = (15.0, 60.0)  # of surfaces on which steps are looked for [degrees]
 
 
 def wood_grain_energy(
@@ -81,7 +82,7 @@ def wood_grain_energy(
 
 
 def grain_band(
-    *, step: float, pixel_size: float, tilts: tuple[float, float] = (15.0, 60.0)
+    *, step: float, pixel_size: float, tilts: tuple[float, float] = GRAIN_TILTS
 ) -> tuple[float, float]:
     r"""Spatial frequencies at which a ray caster's sampling step shows on surfaces of some tilts.
 
@@ -117,12 +118,39 @@ def grain_band(
     least, greatest = tilts
     if not 0.0 < least < greatest < 90.0:
         raise InputError(f"tilts are {least:g} to {greatest:g} degrees; expected 0 < least < greatest < 90.")
-    low, high = (math.tan(math.radians(tilt)) * pixel_size / step for tilt in tilts)
+    low, high = _grain(step, pixel_size, tilts)
     if high > NYQUIST:
         raise InputError(
             f"a tilt of {greatest:g} degrees gives {high:g} cycles/pixel; a picture shows up to {NYQUIST:g}. "
             "Render more pixels, or take a smaller greatest tilt."
         )
+    return low, high
+
+
+def grain_band_shown(*, step: float, pixel_size: float, size: tuple[int, int]) -> tuple[float, float] | None:
+    """The band of `grain_band`, cut to what a picture can show.
+
+    Parameters
+    ----------
+    step, pixel_size : float
+        As of `grain_band`.
+    size : (width, height)
+        Pixels.
+
+    Returns
+    -------
+    band : (low, high) or None
+        Band for `wood_grain_energy` [cycles/pixel]; None where it lies between the frequencies that a picture of this
+        size resolves, as where the whole picture shows less than a step.
+    """
+    low, high = _grain(step, pixel_size, GRAIN_TILTS)
+    band = min(low, NYQUIST / 2.0), min(high, NYQUIST)
+    return band if _frequencies_between(size[1], size[0], band).any() else None
+
+
+def _grain(step: float, pixel_size: float, tilts: tuple[float, float]) -> tuple[float, float]:
+    """Frequencies of the steps on surfaces of two tilts [cycles/pixel], however high."""
+    low, high = (math.tan(math.radians(tilt)) * pixel_size / step for tilt in tilts)
     return low, high
 
 
@@ -136,11 +164,22 @@ def _band_frequencies(height: int, width: int, band: tuple[float, float]) -> npt
     low, high = band
     if not 0.0 <= low < high:
         raise InputError(f"the band is {low:g} to {high:g} cycles/pixel; expected 0 <= low < high.")
-    radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width))
-    inside: npt.NDArray[np.bool_] = (low <= radius) & (radius < high)
+    inside = _frequencies_between(height, width, band)
     if not inside.any():
         raise InputError(
-            f"no frequency of a {width}x{height} picture lies in {low:g} to {high:g} cycles/pixel; "
-            f"expected multiples of 1/{width} and 1/{height} up to {radius.max():.4f}. Widen the band."
+            f"no frequency of a {width}x{height} picture lies in {low:g} to {high:g} cycles/pixel; expected multiples "
+            f"of 1/{width} and 1/{height} up to {_radii(height, width).max():.4f}. Widen the band."
         )
     return inside
+
+
+def _frequencies_between(height: int, width: int, band: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    radius = _radii(height, width)
+    inside: npt.NDArray[np.bool_] = (band[0] <= radius) & (radius < band[1])
+    return inside
+
+
+def _radii(height: int, width: int) -> F64:
+    """(height, width), the radial frequencies of the transform [cycles/pixel]."""
+    radii: F64 = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width))
+    return radii
