@@ -67,12 +67,16 @@ class BreakEven:
     frames : int or None
         Least number of frames that both take equally long for, setup included, or the data-centric one less;
         None: never.
+    last : int or None
+        Largest such number, where the data-centric frames are slower and only its setup is shorter; None: there is no
+        end, or no such number at all.
     """
 
     target: float
     entry: str
     rival: str
     frames: int | None
+    last: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +113,7 @@ class Verdict:
                 "entry": found.entry,
                 "rival": found.rival,
                 "frames": found.frames,
+                "last": found.last,
             },
         }
 
@@ -148,6 +153,18 @@ def frames_to_break_even(setup: float, frame: float, rival_setup: float, rival_f
     return math.ceil(more / gain) if gain > 0.0 else None
 
 
+def last_frame_ahead(setup: float, frame: float, rival_setup: float, rival_frame: float) -> int | None:
+    """Largest n >= 1 with ``setup + n frame <= rival_setup + n rival_frame``; None where there is none or no end.
+
+    Parameters
+    ----------
+    setup, frame, rival_setup, rival_frame : float
+        As of `frames_to_break_even`.
+    """
+    more, gain = setup - rival_setup, rival_frame - frame
+    return math.floor(more / gain) if more <= gain < 0.0 else None
+
+
 def _race(entries: Sequence[Entry], target: float) -> Race:
     best: dict[str, Entry] = {}
     for entry in entries:
@@ -169,10 +186,14 @@ def _break_even(entries: Sequence[Entry], races: Sequence[Race]) -> BreakEven | 
         rival = next((method for method in race.fastest if method != DATA_CENTRIC), None)
         if DATA_CENTRIC in race.fastest and rival is not None:
             own, other = by_name[race.fastest[DATA_CENTRIC]], by_name[race.fastest[rival]]
-            frames = frames_to_break_even(
-                own["setup_seconds"], _seconds(own), other["setup_seconds"], _seconds(other)
+            costs = (own["setup_seconds"], _seconds(own), other["setup_seconds"], _seconds(other))
+            return BreakEven(
+                target=race.target,
+                entry=own["name"],
+                rival=other["name"],
+                frames=frames_to_break_even(*costs),
+                last=last_frame_ahead(*costs),
             )
-            return BreakEven(target=race.target, entry=own["name"], rival=other["name"], frames=frames)
     return None
 
 
@@ -243,6 +264,9 @@ def _paid(entries: Sequence[Entry], races: Sequence[Race], found: BreakEven | No
     sides = f"at RMSE {found.target:g} ({own['label']}) against {NOUNS[rival['method']]} ({rival['label']})"
     if found.frames is None:
         return f"The data-centric precomputation never pays {sides}: {setups}, and its frames are no faster."
+    if found.last is not None:
+        ahead = f"The data-centric method is ahead up to frame {found.last}"
+        return f"{ahead} {sides}: {setups}, and its frames are slower."
     if found.frames == 1:
         return f"The data-centric method is ahead from the first frame on {sides}: {setups}."
     return f"The data-centric precomputation has paid after {found.frames} frames {sides}: {setups}."

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from compare.recomputed import recomputed_break_even, recomputed_fastest
-from isosample.compare.verdict import LEVEL, NOUNS, TARGETS, Verdict, frames_to_break_even, judge
+from isosample.compare.verdict import (
+    LEVEL,
+    NOUNS,
+    TARGETS,
+    Verdict,
+    frames_to_break_even,
+    judge,
+    last_frame_ahead,
+)
 from isosample.defaults import COMPARED_METHODS
 
 METHOD_OF = {noun: method for method, noun in NOUNS.items()}
@@ -114,6 +122,14 @@ def test_the_third_sentence_is_about_the_break_even() -> None:
     assert third(0.4, 0.05).sentences[2] == (
         f"The data-centric method is ahead from the first frame on {sides}: 0.4 s of setup against 0.5 s."
     )
+    assert third(0.25, 0.1875).sentences[
+        2
+    ] == (  # 0.625 s against 0.7 s after two frames, 0.8125 against 0.8 after three
+        f"The data-centric method is ahead up to frame 2 {sides}: 0.25 s of setup against 0.5 s, and its frames are "
+        "slower."
+    )
+    assert third(0.4, 0.1).sentences[2].startswith("The data-centric method is ahead from the first frame on")
+    assert third(0.45, 0.2).sentences[2].startswith("The data-centric precomputation never pays")
     assert third(2.5, 0.1).sentences[2] == (
         f"The data-centric precomputation never pays {sides}: 2.5 s of setup against 0.5 s, and its frames are no "
         "faster."
@@ -145,12 +161,12 @@ def test_what_nobody_reaches_is_said() -> None:
 
 @pytest.mark.parametrize(
     ("setup", "frame", "rival_setup", "rival_frame"),
-    list(itertools.product([0.0, 0.3, 7.0], [0.5, 1.0], [0.0, 0.3, 7.0], [0.5, 1.0, 2.0])),
+    list(itertools.product([0.0, 0.25, 7.0], [0.5, 1.0], [0.0, 0.25, 7.0], [0.5, 1.0, 2.0])),
 )
-def test_the_break_even_is_the_first_frame_that_is_not_behind(
+def test_the_break_even_is_the_first_frame_that_is_not_behind_and_the_last_is_told_where_there_is_one(
     setup: float, frame: float, rival_setup: float, rival_frame: float
 ) -> None:
-    behind = [n for n in range(1, 1000) if setup + n * frame > rival_setup + n * rival_frame]
-    found = frames_to_break_even(setup, frame, rival_setup, rival_frame)
-    first = next((n for n in range(1, 1000) if n not in behind), None)
-    assert found == first
+    costs = (setup, frame, rival_setup, rival_frame)  # exact in binary, as are their sums
+    ahead = [n for n in range(1, 1000) if setup + n * frame <= rival_setup + n * rival_frame]
+    assert frames_to_break_even(*costs) == (ahead[0] if ahead else None)
+    assert last_frame_ahead(*costs) == (ahead[-1] if ahead and ahead[-1] < 999 else None)
