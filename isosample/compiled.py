@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -20,20 +23,23 @@ F = TypeVar("F", bound="Callable[..., Any]")
 def compiled(function: F) -> F:
     """Return `function` compiled by numba on its first call; the machine code is kept in the user's cache.
 
-    Importing this module imports numba, so modules with kernels are imported where they are called.
+    Importing this module imports numba, so modules with kernels are imported where they are called. Where the cache
+    cannot be written, a warning says so once, and every process compiles for itself.
     """
-    chosen = config.CACHE_DIR  # type: ignore[attr-defined]  # set when numba starts
-    if not chosen:  # read while the decorator runs, and put back for everybody else
-        config.CACHE_DIR = str(kernel_cache())  # type: ignore[attr-defined]
+    chosen = config.CACHE_DIR  # type: ignore[attr-defined]  # set when numba starts, by NUMBA_CACHE_DIR
+    folder = Path(chosen) if chosen else kernel_cache()
+    kept = _can_be_written(folder)
+    if kept:  # read while the decorator runs, and put back for everybody else
+        config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
     try:
-        return cast("F", njit(nogil=True, cache=True, fastmath=False, error_model="numpy")(function))
+        return cast("F", njit(nogil=True, cache=kept, fastmath=False, error_model="numpy")(function))
     finally:
         config.CACHE_DIR = chosen  # type: ignore[attr-defined]
 
 
 @cache
-def kernel_cache() -> Path:
-    """Folder of the machine code, one per state of the sources.
+def kernel_cache() -> Path | None:
+    """Folder of the machine code, one per state of the sources; None where there is no home folder to hold it.
 
     Numba checks a cached function against its own file alone, and an index that names a class which another file
     no longer has cannot even be read. A folder per state of all files with kernels has neither fault.
@@ -44,5 +50,27 @@ def kernel_cache() -> Path:
         text = source.read_bytes()
         if source.parent.name == "integral" or b"compiled" in text:
             digest.update(text)
-    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    return base / "isosample" / "kernels" / digest.hexdigest()[:16]
+    try:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError:
+        return None
+    return Path(base) / "isosample" / "kernels" / digest.hexdigest()[:16]
+
+
+@cache
+def _can_be_written(folder: Path | None) -> bool:
+    """Whether a folder is there, or can be made, and takes files; a warning says why not."""
+    try:
+        if folder is None:
+            raise FileNotFoundError(errno.ENOENT, "the user has no home folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError as error:
+        where = "" if folder is None else f" in {folder}"
+        warnings.warn(
+            f"compiled code cannot be kept{where} ({error.strerror}), so every process compiles it anew; set "
+            "XDG_CACHE_HOME or NUMBA_CACHE_DIR to a folder that can be written.",
+            stacklevel=3,
+        )
+        return False
