@@ -10,11 +10,13 @@ from isosample.cli import arguments
 from isosample.cli.cameras import camera_of, orbit
 from isosample.cli.compare_arguments import QUICK_SIZE, SIZE, add_picture_options, add_sweep_options
 from isosample.cli.console import progress_bars, say, say_table, seconds
+from isosample.cli.methods import RAYCAST_OPTIONS, option
 from isosample.cli.outputs import check_driver, make_folder
 from isosample.cli.parser import add_command
 from isosample.defaults import (
     DATA_CENTRIC,
     DEFAULT_REPEAT,
+    RAYCAST_METHODS,
 )
 from isosample.errors import InputError, MissingDependencyError
 
@@ -33,6 +35,12 @@ if TYPE_CHECKING:
 QUICK_REPEAT = 3
 MODULES = {"jinja2": "Jinja2", "skimage": "scikit-image", "flip_evaluator": "flip-evaluator"}
 SWEEPS = ("steps", "pixel_scales", "per_slopes", "tolerances")
+SWEPT_BY = {"steps": "uniform", "pixel_scales": "differential"}  # with which --sampling a list says something
+OWNERS = {  # None unless given; the methods that each belongs to
+    **dict.fromkeys(("per_slopes", "tolerances", "details"), (DATA_CENTRIC,)),
+    **dict.fromkeys(("steps", "pixel_scales"), RAYCAST_METHODS),
+    **{name: RAYCAST_OPTIONS[name] for name in ("sampling", "adaptive", "peak_weight", "crossings")},
+}
 EXAMPLE = """\
 isosample compare head.nrrd --tf bone.json -o head_report
 isosample compare head.nrrd --tf bone.json --quick -o head_report
@@ -117,27 +125,31 @@ def sweep_of(args: argparse.Namespace) -> Sweep:
     """
     from isosample.compare.sweep import QUICK, Sweep
 
+    _check_parts(args)
     given = {name: tuple(getattr(args, name)) for name in SWEEPS if getattr(args, name) is not None}
-    fitting = set()
-    if DATA_CENTRIC in args.methods:
-        fitting |= {"per_slopes", "tolerances"}
-    if set(args.methods) - {DATA_CENTRIC}:
-        fitting.add("steps" if args.sampling == "uniform" else "pixel_scales")
-    for name in given:
-        if name not in fitting:
-            raise InputError(
-                f"--{name.replace('_', '-')} has no part in a comparison of {', '.join(args.methods)} with --sampling "
-                f"{args.sampling}; leave it out."
-            )
-    if args.details is not None and DATA_CENTRIC not in args.methods:
-        raise InputError(
-            f"--details has no part in a comparison of {', '.join(args.methods)}, which have no meshes; leave it out."
-        )
     if {"per_slopes", "tolerances"} & set(given):  # one of the two lists alone is the whole sweep
         given = {"per_slopes": (), "tolerances": ()} | given
     template: Any = QUICK if args.quick else Sweep()
     chosen = {name: given.get(name, getattr(template, name)) for name in SWEEPS}
     return Sweep(methods=tuple(args.methods), **chosen)
+
+
+def _check_parts(args: argparse.Namespace) -> None:
+    """Raise where an option is about a method, or a sampling, that is not compared."""
+    sampling = args.sampling or "uniform"
+    for name, owners in OWNERS.items():
+        if getattr(args, name) is None:
+            continue
+        if not set(owners) & set(args.methods):
+            raise InputError(
+                f"{option(name)} has no part in a comparison of {', '.join(args.methods)}: it belongs to "
+                f"{' and '.join(owners)}. Leave it out, or add one to --methods."
+            )
+        if name in SWEPT_BY and sampling != SWEPT_BY[name]:
+            raise InputError(
+                f"{option(name)} has no part in a comparison with --sampling {sampling}: it goes with --sampling "
+                f"{SWEPT_BY[name]}. Leave out one of them."
+            )
 
 
 def _scene(args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction) -> ComparedScene:
@@ -156,10 +168,10 @@ def _scene(args: argparse.Namespace, volume: Volume, transfer_function: Transfer
             stage=ResolveStage(args.stage),
         ),
         raycast=RaycastSettings(
-            sampling=Sampling(args.sampling),
-            adaptive=args.adaptive,
-            peak_weight=PeakWeight(args.peak_weight),
-            crossings=Crossings(args.crossings),
+            sampling=Sampling(args.sampling or "uniform"),
+            adaptive=bool(args.adaptive),
+            peak_weight=PeakWeight(args.peak_weight or "integral"),
+            crossings=Crossings(args.crossings or "exact"),
             reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         ),
         nan_masked=args.nan == "masked",

@@ -23,7 +23,7 @@ SIZE, QUICK_SIZE = (512, 512), (256, 256)
 
 
 def add_sweep_options(parser: argparse.ArgumentParser) -> None:
-    """Add the lists of settings, and what goes for all of them."""
+    """Add the lists of settings, and what goes for all of them; None where nothing is given."""
     group = parser.add_argument_group("what is compared", "lists have commas between, from coarse to fine")
     group.add_argument(
         "--methods",
@@ -60,7 +60,6 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--sampling",
         choices=("uniform", "differential"),
-        default="uniform",
         help="ray casters: even steps (default uniform), or steps that grow with the pixel's footprint",
     )
     group.add_argument(
@@ -71,19 +70,20 @@ def add_sweep_options(parser: argparse.ArgumentParser) -> None:
         f"(default {_list(DEFAULT_PIXEL_SCALES)})",
     )
     group.add_argument(
-        "--adaptive", action="store_true", help="ray casters: longer steps where the data vary little"
+        "--adaptive",
+        action="store_true",
+        default=None,
+        help="ray casters: longer steps where the data vary little",
     )
     group.add_argument(
         "--peak-weight",
         choices=("integral", "paper"),
-        default="integral",
         help="peak finding: a peak's share of the integral (default), or the paper's weight, which the step does not "
         "bring closer to the reference",
     )
     group.add_argument(
         "--crossings",
         choices=("exact", "secant"),
-        default="exact",
         help="peak finding: from the cubic of every cell (default exact), or by secant steps, as in the paper",
     )
 

@@ -97,7 +97,28 @@ def test_quick_is_less_of_everything(run: Run) -> None:
         ("--methods data-centric --steps 1", "--steps has no part in a comparison of data-centric"),
         ("--methods pre-integrated --per-slopes 1", "--per-slopes has no part"),
         ("--pixel-scales 4", "--pixel-scales has no part"),
-        ("--sampling differential --steps 1", "--steps has no part"),
+        (
+            "--sampling differential --steps 1",
+            "--steps has no part in a comparison with --sampling differential",
+        ),
+        ("--methods pre-integrated --tolerances 1/64", "--tolerances has no part"),
+        (
+            "--methods pre-integrated,peak-finding --details 2",
+            "--details has no part in a comparison of pre-integrated",
+        ),
+        (
+            "--methods data-centric --adaptive",
+            "--adaptive has no part in a comparison of data-centric: it belongs to",
+        ),
+        (
+            "--methods data-centric --sampling uniform",
+            "--sampling has no part in a comparison of data-centric",
+        ),
+        (
+            "--methods pre-integrated --peak-weight paper",
+            "--peak-weight has no part in a comparison of pre-integrated",
+        ),
+        ("--methods data-centric,post-classified --crossings exact", "--crossings has no part"),
         ("--steps 0", "'0' must be a number above 0"),
         ("--repeat 0", "'0' must be a whole number >= 1"),
         ("--cameras 0", "'0' must be a whole number >= 1"),
