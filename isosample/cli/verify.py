@@ -52,22 +52,30 @@ def run(args: argparse.Namespace) -> int:
     from isosample.compare.studies import run_studies
     from isosample.gl.context import shared_context
 
+    folder = None if args.output is None else _folder_for_plots(args.output)
     renderer = shared_context().info["GL_RENDERER"]
-    folder = None if args.output is None else make_folder(args.output)
     progress = None if args.json else (lambda name: note(f"{name} …"))
     studies = list(run_studies(quick=args.quick, progress=progress))
     document = {"renderer": renderer, "quick": args.quick, "studies": [study.to_dict() for study in studies]}
     if folder is not None:
         from isosample.compare.study_plots import plot_study
 
+        write_json(folder / "studies.json", document)
         for study in studies:
             plot_study(study, folder / f"{study.name}.png")
-        write_json(folder / "studies.json", document)
     if args.json:
         say_json(document)
     else:
         _say(studies, renderer, folder)
     return 0 if all(study.passed for study in studies) else EXIT_FAILED
+
+
+def _folder_for_plots(folder: Path) -> Path:
+    """Make the folder, and raise before the long work if nothing can be written or drawn."""
+    from isosample.transfer.plot import check_matplotlib
+
+    check_matplotlib()
+    return make_folder(folder)
 
 
 def _say(studies: list[Study], renderer: str, folder: Path | None) -> None:
