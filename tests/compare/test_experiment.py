@@ -5,7 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
+import subprocess
+import sys
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +35,6 @@ from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from isosample.compare.contenders import Contender
     from isosample.compare.experiment import Outcome
@@ -81,6 +84,45 @@ def test_no_setting_pays_for_the_first_extraction_of_a_volume(monkeypatch: pytes
     made.clear()
     run_experiment(small_experiment(methods=("pre-integrated",)))
     assert made == []
+
+
+COMPILED = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from compare.small_comparison import blob_scene
+from isosample.compare.contenders import Parameter, Setting, contender
+from isosample.compare.experiment import warm_up
+from isosample.compare.sweep import Sweep
+
+def kernels():
+    found = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.py_func.__qualname__, str(kind)) for one in found for kind in one.signatures}
+
+scene = blob_scene()
+warm_up(scene, Sweep(methods=("data-centric",), per_slopes=(), tolerances=(1 / 32,)))
+before = kernels()
+one = contender(scene, Setting("data-centric", Parameter.TOLERANCE, 1 / 32))
+one.prepare()
+assert one._prepared.plan.report["refine"] > 1
+print(len(before), *sorted(kernels() - before))
+"""
+
+
+def test_a_tolerance_does_not_pay_for_what_is_compiled_once() -> None:
+    """In a process of its own, where nothing is compiled or loaded yet."""
+    tests = Path(__file__).resolve().parents[1]
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILED],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tests.parent), str(tests)])},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    before, *late = done.stdout.split()
+    assert int(before) > 10
+    assert late == []
 
 
 def test_pictures_are_those_of_the_library_under_one_set_of_conventions(outcome: Outcome) -> None:
