@@ -116,7 +116,7 @@ class Contender(Protocol):
 
     setting: Setting
     precompute_seconds: float  # of what is done once per volume and transfer function, without the GPU
-    bytes: int  # estimate of the memory that it holds while it is loaded
+    bytes: int  # estimate of the memory that it holds at most while it is loaded
 
     def prepare(self) -> None:
         """Do what can be kept on disk: the extraction of meshes; nothing for a ray caster."""
@@ -174,7 +174,8 @@ class SurfaceContender:
         )
         self.precompute_seconds = time.perf_counter() - start
         surfaces = self._prepared.surfaces
-        self.bytes = TRIANGLE_BYTES * sum(sum(one.statistics.triangles) for one in surfaces.by_detail)
+        triangles = sum(sum(one.statistics.triangles) for one in surfaces.by_detail)
+        self.bytes = TRIANGLE_BYTES * triangles + scene.render.fragment_budget_bytes
 
     def load(self, cameras: Sequence[Camera]) -> float:
         """Merge the meshes and upload the scene; with details and a tolerance, look how coarse they may be.

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     F32 = npt.NDArray[np.float32]
     Progress = Callable[[str, int, int], None]
 
-DEFAULT_BUDGET_BYTES = 4 << 30  # of what is loaded at once
+DEFAULT_BUDGET_BYTES = 4 << 30  # of what is loaded at once, and the pictures
+PIXEL_BYTES = 16  # of a picture
 TOY_SAMPLES = 12  # along an edge of the volume that warms up compilers
 
 
@@ -48,7 +49,8 @@ class Experiment:
     repeat : int
         Timed frames per entry and camera, after one that is not timed.
     budget_bytes : int
-        Contenders that together hold more are measured one group after the other.
+        Contenders that together may hold more (meshes and fragments, or the volume) beside the pictures of all
+        entries are measured one group after the other.
     targets : tuple of float
         RMSE of the verdict.
 
@@ -223,12 +225,16 @@ def _groups(
     """Prepared contenders, as many at a time as fit the budget; each group holds neighbours in quality."""
     most = max(map(len, by_method))
     ranked = [settings[rank] for rank in range(most) for settings in by_method if rank < len(settings)]
+    width, height = experiment.scene.size
+    pictures = (
+        PIXEL_BYTES * width * height * len(experiment.cameras) * (1 + len(ranked))
+    )  # with the references
     group: list[Contender] = []
     for number, setting in enumerate(ranked):
         one = contender(experiment.scene, setting)
         one.prepare()
         report("prepare", number + 1, len(ranked))
-        if group and one.bytes + sum(other.bytes for other in group) > experiment.budget_bytes:
+        if group and pictures + sum(other.bytes for other in [one, *group]) > experiment.budget_bytes:
             yield group
             group = []
         group.append(one)

@@ -292,7 +292,8 @@ def test_meshes_for_a_tolerance_are_as_coarse_as_all_views_allow(monkeypatch: py
     assert seen == [1 / 8, *CAMERAS]
 
 
-def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+def sizes_of_groups(monkeypatch: pytest.MonkeyPatch, asked: Experiment) -> tuple[list[int], list[str]]:
+    """How many contenders are timed together, and the names of all entries."""
     sizes = []
 
     def counted(group: Sequence[Contender], *rest: Any) -> list[Timing]:
@@ -300,13 +301,40 @@ def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch:
         return time_frames(group, *rest)
 
     monkeypatch.setattr(experiment, "time_frames", counted)
+    found = run_experiment(asked).results.to_dict()
+    return sizes, [entry["name"] for entry in found["entries"]]
+
+
+def picture_bytes(entries: int) -> int:
+    """Memory of so many entries' pictures and the references: four float32 per pixel."""
+    return 16 * SIZE[0] * SIZE[1] * len(CAMERAS) * (entries + 1)
+
+
+def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     texture = SAMPLE_BYTES * blob_scene().volume.array.size
-    small = small_experiment(budget_bytes=3 * texture, methods=("post-classified", "pre-integrated"))
-    found = run_experiment(small).results.to_dict()
-    assert sizes == [3, 1]
-    assert [entry["name"] for entry in found["entries"]] == [
-        f"{method}-step-{step}" for method in small.sweep.methods for step in ("2", "1-2")
-    ]
+    methods = ("post-classified", "pre-integrated")
+    for spare, expected in ((0, [3, 1]), (-1, [2, 2])):
+        budget = picture_bytes(4) + 3 * texture + spare
+        sizes, names = sizes_of_groups(monkeypatch, small_experiment(budget_bytes=budget, methods=methods))
+        assert sizes == expected
+        assert names == [f"{method}-step-{step}" for method in methods for step in ("2", "1-2")]
+
+
+def test_the_fragments_that_a_contender_may_hold_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    fragments = 1 << 20
+    scene = blob_scene()
+    scene = replace(scene, render=replace(scene.render, fragment_budget_bytes=fragments))
+    meshes = []
+    for number in PER_SLOPES:
+        one = contenders.contender(scene, Setting("data-centric", Parameter.PER_SLOPE, number))
+        one.prepare()
+        meshes.append(one.bytes - fragments)
+        one.release()
+    assert 0 < meshes[0] < meshes[1] < fragments
+    both = picture_bytes(2) + sum(meshes) + 2 * fragments
+    for spare, expected in ((0, [2]), (-1, [1, 1])):
+        asked = small_experiment(budget_bytes=both + spare, methods=("data-centric",))
+        assert sizes_of_groups(monkeypatch, replace(asked, scene=scene))[0] == expected
 
 
 HALF_VOXELS = isosample.Volume(np.zeros((9, 9, 9), np.float32), spacing=(0.5, 1.0, 0.75))  # 4 x 8 x 6
