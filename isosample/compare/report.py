@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,18 +22,19 @@ from isosample.compare.false_color import (
 )
 from isosample.compare.report_tables import facts, tables
 from isosample.compare.results import write_results, write_table
-from isosample.defaults import COMPARED_METHODS
+from isosample.defaults import COMPARED_METHODS, REFERENCE
 from isosample.errors import MissingDependencyError
 from isosample.files import replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from isosample.compare.experiment import Outcome
 
     Entry = dict[str, Any]  # of results.json
 
+PLOTS = ("error_against_time", "error_against_samples", "time_against_frames", "histogram")
 MOST_PICTURES = 4  # of a method in the report, with one camera; all of them are files
 WEBP_EFFORT = 4  # of 0 to 6
 
@@ -54,7 +56,9 @@ class Picture:
 def write_report(
     outcome: Outcome, folder: Path, *, source: str | None = None, transfer_function: str | None = None
 ) -> dict[str, Any]:
-    """Write results.json, results.csv, the pictures, the plots and report.html.
+    """Write the pictures, the plots, results.csv, results.json and report.html, in this order.
+
+    Pictures and plots of an earlier comparison that this one has not are removed in the end.
 
     Parameters
     ----------
@@ -79,28 +83,40 @@ def write_report(
     document = outcome.results.to_dict()
     document["scene"] |= {"source": source, "transfer_function_source": transfer_function}
     document["settings"]["error_scale"] = _scale_of(document).ticks
-    write_results(document, folder / "results.json")
-    write_table(document, folder / "results.csv")
     figures = figures_of(document)
+    pictures, files = _write_pictures(outcome, document, folder / "pictures")
+    page = render_report(document, figures, pictures)
     for name, drawn in figures.items():
         with replacing(folder / f"{name}.svg") as file:
             file.write(svg.standalone(drawn).encode())
-    pictures = _write_pictures(outcome, document, folder / "pictures")
+    write_table(document, folder / "results.csv")
+    write_results(document, folder / "results.json")
     with replacing(folder / "report.html") as file:
-        file.write(render_report(document, figures, pictures).encode())
+        file.write(page.encode())
+    _remove_others(folder, figures, files)
     return document
+
+
+def _remove_others(folder: Path, figures: Iterable[str], pictures: Iterable[str]) -> None:
+    """Remove plots and pictures of another comparison, which the new page would seem to be about."""
+    named = re.compile(rf"camera-\d+_({REFERENCE}|({'|'.join(COMPARED_METHODS)})-.+)\.png")
+    found = {path for path in (folder / "pictures").iterdir() if named.fullmatch(path.name)}
+    found |= {path for name in PLOTS if (path := folder / f"{name}.svg").exists()}
+    kept = {folder / f"{name}.svg" for name in figures} | {folder / "pictures" / name for name in pictures}
+    for path in found - kept:
+        path.unlink(missing_ok=True)
 
 
 def figures_of(document: dict[str, Any]) -> dict[str, str]:
     """The plots as SVG, by name; the one of frames is left out where no method reaches a target."""
     entries = document["entries"]
-    drawn = {
-        "error_against_time": plots.error_against_time(entries),
-        "error_against_samples": plots.error_against_samples(entries),
-        "time_against_frames": plots.time_against_frames(document),
-        "histogram": plots.histogram_plot(document["scene"]),
-    }
-    return {name: figure for name, figure in drawn.items() if figure}
+    drawn = (
+        plots.error_against_time(entries),
+        plots.error_against_samples(entries),
+        plots.time_against_frames(document),
+        plots.histogram_plot(document["scene"]),
+    )
+    return {name: figure for name, figure in zip(PLOTS, drawn, strict=True) if figure}
 
 
 def render_report(document: dict[str, Any], figures: dict[str, str], pictures: Sequence[Picture]) -> str:
@@ -166,7 +182,8 @@ def chosen_entries(entries: Sequence[Entry], most: int) -> list[Entry]:
 def _first_shown(pictures: Sequence[Picture], document: dict[str, Any]) -> str:
     """Name of the picture on the left at first: of the strictest race's winner, else the first after the reference."""
     names = [picture.name for picture in pictures if picture.rmse is not None]
-    wanted = [name for race in document["verdict"]["races"] for name in list(race["fastest"].values())[:1]]
+    strictest_first = reversed(document["verdict"]["races"])
+    wanted = [name for race in strictest_first for name in list(race["fastest"].values())[:1]]
     return next((name for name in wanted if name in names), names[0])
 
 
@@ -175,16 +192,18 @@ def _scale_of(document: dict[str, Any]) -> Scale:
     return Scale.up_to(entry["summary"]["percentile_error"] for entry in document["entries"])
 
 
-def _write_pictures(outcome: Outcome, document: dict[str, Any], folder: Path) -> list[Picture]:
-    """Write every picture and its maps as PNG; return those of the report."""
+def _write_pictures(
+    outcome: Outcome, document: dict[str, Any], folder: Path
+) -> tuple[list[Picture], list[str]]:
+    """Write every picture and its maps as PNG; return those of the report, and the names of all files."""
     scale, backdrop = _scale_of(document), document["settings"]["backdrop"]
     cameras = range(len(outcome.references))
     embedded = chosen_entries(document["entries"], max(2, MOST_PICTURES // len(outcome.references)))
     kept = {entry["name"] for entry in embedded}
-    found = []
+    found, names = [], []
     for camera in cameras:
         truth = outcome.references[camera]
-        rows = [("reference", "reference", "float64", None, truth)] + [
+        rows = [(REFERENCE, REFERENCE, "float64", None, truth)] + [
             (
                 entry["name"],
                 entry["method"],
@@ -200,13 +219,14 @@ def _write_pictures(outcome: Outcome, document: dict[str, Any], folder: Path) ->
             stem = f"camera-{camera + 1}_{name}"
             files = {"": _encoded(flat, "PNG"), **({} if rmse is None else maps)}
             for kind, content in files.items():
-                with replacing(folder / f"{stem}{kind and '_' + kind}.png", make_folder=True) as file:
+                names.append(f"{stem}{kind and '_' + kind}.png")
+                with replacing(folder / names[-1], make_folder=True) as file:
                     file.write(content)
             if rmse is None or name in kept:
                 addresses = {kind: _address(content, "png") for kind, content in maps.items()}
                 webp = _address(_encoded(flat, "WEBP"), "webp")
                 found.append(Picture(name, method, label, camera, rmse, webp, **addresses))
-    return found
+    return found, names
 
 
 def _encoded(flat: Any, kind: str) -> bytes:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import PIL.Image
@@ -14,8 +15,9 @@ import pytest
 
 from compare.browser import Page, find_chromium
 from compare.small_comparison import CAMERAS, SIZE, small_experiment
+from isosample.compare import report as report_module
 from isosample.compare.experiment import run_experiment
-from isosample.compare.report import MOST_PICTURES, chosen_entries, write_report
+from isosample.compare.report import MOST_PICTURES, Picture, chosen_entries, render_report, write_report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -286,10 +288,11 @@ def test_the_page_begins_with_the_verdict_and_has_all_numbers(report: Path) -> N
 
 def test_the_page_names_no_address_outside_of_itself(report: Path) -> None:
     text = (report / "report.html").read_text(encoding="utf-8")
-    addresses = re.findall(r"(?:src|href|url)\s*[=(]\s*[\"']?([^\"')\s>]+)", text)
-    assert addresses
-    assert all(address.startswith(("data:", "#")) or "." in address for address in addresses)
-    assert not re.search(r"(?:src|href)=[\"']?(?!data:)[a-z]+:", text)
+    script = re.compile(r"<script>(.*?)</script>", flags=re.DOTALL)
+    addresses = re.findall(r"(?:\b(?:src|href)\s*=|\burl\()\s*[\"']?([^\"')\s>]+)", script.sub("", text))
+    assert len(addresses) > 10
+    assert [address[:80] for address in addresses if not address.startswith(("data:", "#"))] == []
+    assert not any(re.search(r"https?:|\bfetch\b|\bimport\b", part) for part in script.findall(text))
     assert "default-src 'none'" in text  # the browser would refuse, too
 
 
@@ -310,6 +313,82 @@ def test_plots_are_files_that_stand_alone(report: Path) -> None:
         style = root.find("{http://www.w3.org/2000/svg}style")
         assert style is not None
         assert "prefers-color-scheme: dark" in (style.text or "")
+
+
+def fewer(outcome: Outcome) -> Outcome:
+    """The comparison with its first two entries, which reach none of its targets."""
+    results = outcome.results
+    return replace(
+        outcome,
+        results=replace(
+            results, entries=results.entries[:2], settings=results.settings | {"targets": [1e-9]}
+        ),
+    )
+
+
+def test_a_report_over_another_one_leaves_no_picture_and_no_plot_of_that(
+    outcome: Outcome, tmp_path: Path
+) -> None:
+    write_report(outcome, tmp_path)
+    own = ["pictures/camera-1_mine.png", "pictures/notes.png", "sketch.svg"]
+    for name in own:
+        (tmp_path / name).write_bytes(b"")
+    write_report(fewer(outcome), tmp_path)
+    names = [entry.name for entry in outcome.results.entries[:2]]
+    stems = [f"camera-{camera}_{name}" for camera in (1, 2) for name in names]
+    pictures = [f"{stem}{kind}.png" for stem in stems for kind in ("", "_error", "_difference")]
+    pictures += [f"camera-{camera}_reference.png" for camera in (1, 2)]
+    plots = [f"{name}.svg" for name in ("error_against_time", "error_against_samples", "histogram")]
+    files = [*plots, "report.html", "results.json", "results.csv", *(f"pictures/{name}" for name in pictures)]
+    found = [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()]
+    assert sorted(found) == sorted(files + own)
+
+
+@pytest.mark.parametrize("last", ["_write_pictures", "render_report", "write_table", "write_results"])
+def test_numbers_and_page_are_of_one_comparison_wherever_the_next_one_ends(
+    outcome: Outcome, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: str
+) -> None:
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    write_report(outcome, tmp_path)
+    names = ("report.html", "results.json")
+    before = [(tmp_path / name).read_bytes() for name in names]
+    monkeypatch.setattr(report_module, last, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(fewer(outcome), tmp_path)
+    assert [(tmp_path / name).read_bytes() for name in names] == before
+
+
+@pytest.mark.parametrize(
+    ("fastest", "shown"),
+    [
+        (
+            [0, 2, 5],
+            5,
+        ),  # by race, from the loosest to the strictest: the place of the winner among the entries
+        ([0, 2, None], 2),
+        ([None, None, None], 0),
+    ],
+)
+def test_the_winner_at_the_smallest_error_stands_left_at_first(
+    outcome: Outcome, fastest: list[int | None], shown: int
+) -> None:
+    document = outcome.results.to_dict()
+    document["scene"] |= {"source": None, "transfer_function_source": None}
+    names = [entry["name"] for entry in document["entries"]]
+    document["verdict"]["races"] = [
+        {
+            "target": target,
+            "fastest": {} if place is None else {"m": names[place], "n": names[1]},
+            "seconds": {},
+        }
+        for target, place in zip((0.005, 0.002, 0.001), fastest, strict=True)
+    ]
+    pictures = [Picture("reference", "reference", "float64", 0, None, "", "", "")]
+    pictures += [Picture(name, "m", "label", 0, 0.1, "", "", "") for name in names]
+    page = render_report(document, {}, pictures)
+    assert re.findall(r'<option value="([^"]+)" selected', page) == [names[shown], "reference"]
 
 
 def test_of_many_settings_the_report_shows_some_from_the_first_to_the_last() -> None:
