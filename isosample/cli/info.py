@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     """Open the volume, describe it, and plot it where asked for."""
     from isosample.cli.sources import load_transfer_function, open_source_volume
 
+    _check_plan_options(args)
     _check_outputs(args)
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.volume)
@@ -93,6 +94,26 @@ def run(args: argparse.Namespace) -> int:
 
             say_plan(plan)
     return 0
+
+
+def _shows_plan(args: argparse.Namespace) -> bool:
+    """Whether the isovalues are printed, or drawn into the plot of a transfer function."""
+    drawn = args.histogram is not None and (args.tf is not None or args.suggest is not None)
+    return bool(args.plan) or drawn
+
+
+def _check_plan_options(args: argparse.Namespace) -> None:
+    """Raise for an option about a plan that is not shown."""
+    if _shows_plan(args):
+        return
+    given = ["--shading"] if args.shading else []
+    if args.per_slope is not None:
+        given.append(f"--per-slope {args.per_slope}")
+    if given:
+        raise InputError(
+            f"{given[0]} changes the plan, which is not shown; add --plan, or --histogram with --tf or --suggest, or "
+            "leave it out."
+        )
 
 
 def _check_outputs(args: argparse.Namespace) -> None:
@@ -136,17 +157,13 @@ def describe(volume: Volume) -> dict[str, Any]:
 def _plan(
     args: argparse.Namespace, volume: Volume, given: TransferFunction | None
 ) -> tuple[TransferFunction | None, IsovaluePlan | None]:
-    """Return the transfer function and its plan, suggested only where a plan is asked for."""
+    """Return the transfer function and its plan, where it is shown; suggested only where a plan is asked for."""
     from isosample.cli.sources import plan_for, transfer_function_of
     from isosample.rendering.quality import shares_for_light
     from isosample.volume.statistics import gradient_at_values
 
-    if args.shading and not args.plan and args.histogram is None:
-        raise InputError("--shading changes the plan; add --plan to see it, or leave out --shading.")
-    if not args.plan and given is None:
-        if args.per_slope is not None:
-            raise InputError(f"--per-slope {args.per_slope} changes the plan; add --plan to see it.")
-        return None, None
+    if not _shows_plan(args):
+        return given, None
     tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
     gradients = partial(gradient_at_values, volume)
     shares = shares_for_light(volume, tf) if args.shading else None

@@ -161,6 +161,16 @@ def test_the_histogram_is_a_picture(run: Run) -> None:
         assert min(picture.size) > 100
 
 
+def test_the_isovalues_of_a_plot_are_as_many_as_are_asked_for(run: Run, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    plots = []
+    for options in ("", "--per-slope 1", "--per-slope 9"):
+        outcome = run(f"info blob.npy --tf tf.json --histogram out.png {options}")
+        assert outcome.status == 0, outcome.err
+        plots.append((folder / "out.png").read_bytes())
+    assert len(set(plots)) == 3
+
+
 def test_the_files_that_are_written_are_told(run: Run, folder: Path) -> None:
     pytest.importorskip("matplotlib")
     outcome = run("info blob.npy --suggest begin.json --histogram plot.png")

@@ -144,6 +144,15 @@ COMMAND_LINES = {
     "negative number per slope": Wrong(f"{RENDER} --per-slope -2", ("'-2'", "--per-slope")),
     "number per slope in words": Wrong(f"{RENDER} --per-slope some", ("'some'", "--per-slope")),
     "number per slope without a plan": Wrong("info blob.npy --per-slope 3", ("--per-slope 3", "--plan")),
+    "number per slope of a transfer function without a plan": Wrong(
+        "info blob.npy --tf tf.json --per-slope 9", ("--per-slope 9", "not shown", "--plan")
+    ),
+    "number per slope of a bare histogram": Wrong(
+        "info blob.npy --histogram h.png --per-slope 9", ("--per-slope 9", "--histogram with --tf")
+    ),
+    "light of a bare histogram": Wrong(
+        "info blob.npy --histogram h.png --shading", ("--shading", "--histogram with --tf")
+    ),
     "isovalue that is not finite": Wrong("export blob.npy --isovalue nan -o out.ply", ("'nan'",)),
     "no isovalue": Wrong("export blob.npy -o out.ply", ("--isovalue",)),
     "argument of doctor": Wrong("doctor now", ("'now'",)),
