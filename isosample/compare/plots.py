@@ -179,10 +179,10 @@ def _transfer_curve(function: TransferFunction, x: svg.Axis, bottom: float, top:
     sides = [function.evaluate(values, side=side)[1] for side in ("left", "right")]
     doubled = np.repeat(values, 2)
     extinctions = np.stack(sides, axis=1).ravel()
-    highest = float(extinctions.max(initial=0.0)) or 1.0
+    highest = float(extinctions.max(initial=0.0))
     height = 0.92 * (bottom - top)
     places = [
-        (x.place(value), bottom - height * extinction / highest)
+        (x.place(value), bottom - height * extinction / (highest or 1.0))
         for value, extinction in zip(doubled.tolist(), extinctions.tolist(), strict=True)
     ]
     shades = np.linspace(x.low, x.high, SHADES)
@@ -205,6 +205,8 @@ def _transfer_curve(function: TransferFunction, x: svg.Axis, bottom: float, top:
                 f'<path d="M{place:.1f} {bottom}V{bottom - height * surface.opacity:.1f}" fill="none" '
                 f'stroke="{_hex(surface.color)}" stroke-width="3"/>'
             )
+    if highest == 0.0:
+        return drawn
     words = f"extinction, up to {highest:.3g} per world unit"
     return drawn + svg.text(x.stop, top - 9, words, anchor="end", css="quiet")
 

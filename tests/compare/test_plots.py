@@ -129,6 +129,17 @@ def test_the_histogram_shows_counts_and_the_transfer_function() -> None:
     assert impulse.get("stroke-width") == "3"
 
 
+def test_a_transfer_function_of_isosurfaces_alone_has_no_highest_extinction() -> None:
+    surface = {"value": 2.5, "color": [1, 1, 1], "opacity": 0.5}
+    point = {"value": 1.5, "color": [0, 0, 1], "extinction": 2}
+    scene: dict[str, Any] = {"histogram": {"counts": [10, 0, 1000], "edges": [0.0, 1.0, 2.0, 3.0]}}
+    for points, told in (([], False), ([point, point | {"value": 2.0}], True)):
+        transfer_function = {"points": points, "isosurfaces": [surface]}
+        drawn = plots.histogram_plot(scene | {"transfer_function": transfer_function})
+        assert ("extinction, up to 2 per world unit" in drawn) == told
+        assert ("extinction, up to" in drawn) == told
+
+
 def decoded(png: bytes) -> np.ndarray[Any, np.dtype[np.uint8]]:
     with PIL.Image.open(io.BytesIO(png)) as picture:
         return np.asarray(picture.convert("RGB"))
