@@ -89,7 +89,6 @@ def _estimate(
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     one = camera or orbit(args, volume.box)
     quality = quality_of(args)
-    args.method = left[-1]  # of the ray caster, for its settings
     found = choose_method(
         volume,
         tf,
@@ -97,7 +96,7 @@ def _estimate(
         size=args.size,
         settings=settings,
         quality=quality,
-        raycast=raycast_settings_of(args),
+        raycast=raycast_settings_of(args, left[-1]),  # of the ray caster
         among=left,
         spent_seconds=time.process_time(),
     )

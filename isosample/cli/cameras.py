@@ -29,11 +29,23 @@ def camera_of(args: argparse.Namespace) -> Camera | None:
     return Camera.load(args.camera)
 
 
-def orbit(args: argparse.Namespace, box: Box, **instead: float) -> Camera:
-    """Return a camera about a box, from those of the options that are given, or the numbers `instead` of them."""
+def orbit(
+    args: argparse.Namespace, box: Box, *, size: tuple[int, int] | None = None, **instead: float
+) -> Camera:
+    """Return a camera about a box, from those of the options that are given, or what stands `instead` of them.
+
+    Parameters
+    ----------
+    args : Namespace
+    box : Box
+    size : (width, height), optional
+        Of the picture [pixel]; that of the options by default.
+    **instead : float
+        In place of options.
+    """
     from isosample.rendering.camera import Camera, Projection, UpAxis, default_up
 
-    width, height = args.size
+    width, height = size or args.size
     given: dict[str, Any] = {
         name: getattr(args, name) for name in ORBIT_OPTIONS if getattr(args, name) is not None
     }

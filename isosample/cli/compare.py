@@ -103,11 +103,11 @@ def run(args: argparse.Namespace) -> int:
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     folder = make_folder(args.output)
-    args.size = _size_of(args)
-    check_driver(args.size)
+    size = _size_of(args)
+    check_driver(size)
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
-    scene = _scene(args, volume.in_memory(), tf)
-    experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box))
+    scene = _scene(args, volume.in_memory(), tf, size)
+    experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box, size))
     with progress_bars() as progress:
         outcome = run_experiment(experiment, progress)
     document = write_report(outcome, folder, source=str(args.source), transfer_function=origin)
@@ -152,7 +152,9 @@ def _check_parts(args: argparse.Namespace) -> None:
             )
 
 
-def _scene(args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction) -> ComparedScene:
+def _scene(
+    args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction, size: tuple[int, int]
+) -> ComparedScene:
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.raycast_settings import Crossings, PeakWeight, RaycastSettings, Sampling
     from isosample.rendering.settings import ClipPlane, RenderSettings, ResolveStage
@@ -161,7 +163,7 @@ def _scene(args: argparse.Namespace, volume: Volume, transfer_function: Transfer
     return ComparedScene(
         volume=volume,
         transfer_function=transfer_function,
-        size=args.size,
+        size=size,
         render=RenderSettings(
             background=args.background,
             clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
@@ -209,15 +211,11 @@ def _fixed_camera(args: argparse.Namespace) -> Camera | None:
     return camera_of(args)
 
 
-def _around(args: argparse.Namespace, box: Box) -> list[Camera]:
+def _around(args: argparse.Namespace, box: Box, size: tuple[int, int]) -> list[Camera]:
     """Views at equal angles, the first one where the orbit options put it."""
     count = args.cameras or 1
     first = args.azimuth or 0.0
-    cameras = []
-    for number in range(count):
-        args.azimuth = first + 360.0 * number / count
-        cameras.append(orbit(args, box))
-    return cameras
+    return [orbit(args, box, size=size, azimuth=first + 360.0 * number / count) for number in range(count)]
 
 
 def _check_modules() -> None:

@@ -44,7 +44,7 @@ def run_raycast(
     from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
     from isosample.rendering.raycaster import RayCaster
 
-    raycast = raycast_settings_of(args)
+    raycast = raycast_settings_of(args, args.method)
     check_volume_is_named(args)
     masked, macrocells = args.nan == "masked", None
     if opened is None:
@@ -89,8 +89,8 @@ def run_raycast(
     return 0
 
 
-def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
-    """Return the settings of the ray caster from the arguments, checked."""
+def raycast_settings_of(args: argparse.Namespace, method: str) -> RaycastSettings:
+    """Return the settings of one of the ray caster's methods from the arguments, checked."""
     from isosample.rendering.raycast_settings import (
         Classification,
         Crossings,
@@ -118,13 +118,13 @@ def raycast_settings_of(args: argparse.Namespace) -> RaycastSettings:
         "crossings": Crossings,
     }
     given = {name: getattr(args, name) for name in RAYCAST_OPTIONS if getattr(args, name) is not None}
-    if args.choice is not None and args.method == PEAK_FINDING:
+    if args.choice is not None and method == PEAK_FINDING:
         given = exact_peaks(args) | given
     chosen: dict[str, Any] = {
         name: kinds[name](value) if name in kinds else value for name, value in given.items()
     }
     return RaycastSettings(
-        classification=Classification(args.method),
+        classification=Classification(method),
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         **chosen,
     )

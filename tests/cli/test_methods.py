@@ -108,7 +108,7 @@ def test_an_option_of_the_method_reaches_its_settings(given: str, method: str) -
     }.get(given, "")
     parser = build_parser()
     plain, changed = (
-        raycast_settings_of(parser.parse_args(f"{RENDER} --method {method} {options}".split()))
+        raycast_settings_of(parser.parse_args(f"{RENDER} --method {method} {options}".split()), method)
         for options in (companion, f"{companion} {given}")
     )
     if given != "--sampling uniform":  # the default, spelled out

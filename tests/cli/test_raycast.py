@@ -148,7 +148,7 @@ def test_an_option_gives_the_library_s_setting(options: str, expected: dict[str,
     words = join_negative_values(f"{RENDER} --method {options}".split())
     raycast = {name: value for name, value in expected.items() if name not in ("settings", "camera")}
     args = build_parser().parse_args(words)
-    assert raycast_settings_of(args) == isosample.RaycastSettings(**raycast)
+    assert raycast_settings_of(args, args.method) == isosample.RaycastSettings(**raycast)
 
 
 @pytest.mark.parametrize("options", DRAWN)
