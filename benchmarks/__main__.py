@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from functools import partial
 from pathlib import Path
@@ -24,11 +23,18 @@ from benchmarks import (
     bench_startup,
 )
 from benchmarks.machine import describe_machine
+from benchmarks.results_page import sections, with_head, with_section
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 RESULTS = Path(__file__).parent / "RESULTS.md"
+HEAD = """\
+# Results
+
+Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`; the parts by the programs
+of this folder.
+"""
 PARTS = {
     "startup": bench_startup.report,
     "extract": bench_extract.report,
@@ -43,27 +49,6 @@ PARTS = {
     "reference": bench_reference.report,
     "scale": bench_scale.report,
 }
-
-
-def with_section(page: str, section: str) -> str:
-    """The page with a section in place of the one whose heading begins with the same words, or at the end.
-
-    What follows a comma or a colon in a heading says how much was measured and may differ.
-    """
-    name = re.split(r"[,:\n]", section, maxsplit=1)[0].strip()
-    parts = re.split(r"^(?=## )", page, flags=re.MULTILINE)
-    for place, part in enumerate(parts):
-        if re.split(r"[,:\n]", part, maxsplit=1)[0].strip() == name:
-            parts[place] = section.rstrip() + "\n\n"
-            return "".join(parts).rstrip() + "\n"
-    return page.rstrip() + "\n\n" + section.rstrip() + "\n"
-
-
-def sections(report: str) -> list[str]:
-    """A report by its headings, each section with a line about machine and commit."""
-    parts = re.split(r"^(?=## )", report, flags=re.MULTILINE)
-    found = [part for part in parts if part.startswith("## ")]
-    return [part.replace("\n", f"\n\n{describe_machine()}", 1) for part in found]
 
 
 def main() -> None:
@@ -89,29 +74,26 @@ def main() -> None:
     unknown = sorted(set(arguments.parts) - set(PARTS))
     if unknown:
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    reports = []
     for name in arguments.parts or PARTS:
         program: Callable[..., str] = PARTS[name]
         if name in ("scale", "equal_error"):
             program = partial(program, full=arguments.full)
         print(f"-- {name}", file=sys.stderr, flush=True)
-        reports.append(program(quick=arguments.quick))
-        print(reports[-1], flush=True)
-        if arguments.parts and not arguments.quick:
-            _renew(reports[-1])
+        report = program(quick=arguments.quick)
+        print(report, flush=True)
+        if not arguments.quick:
+            _renew(report)
     if not arguments.quick:
         if not arguments.parts:
-            head = "Medians (and median absolute deviations) of repeated, interleaved runs. Made by `make bench`.\n"
-            RESULTS.write_text(
-                "\n".join(["# Results\n", head, describe_machine(), *reports]), encoding="utf-8"
-            )
+            page = with_head(RESULTS.read_text(encoding="utf-8"), f"{HEAD}\n{describe_machine()}")
+            RESULTS.write_text(page, encoding="utf-8")
         print(f"written to {RESULTS}")
 
 
 def _renew(report: str) -> None:
     """Put the sections of a report in the place of those on the page."""
     page = RESULTS.read_text(encoding="utf-8")
-    for section in sections(report):
+    for section in sections(report, describe_machine()):
         page = with_section(page, section)
     RESULTS.write_text(page, encoding="utf-8")
 

@@ -187,7 +187,7 @@ def measure(folder: Path, edge: int) -> str:
         "Mvoxels per core second",
         "Mtriangles per core second",
     )
-    title = f"## Larger than memory: {edge}³ uint8, {len(LEVELS)} isovalues, --memory {MEMORY[edge]}\n\n"
+    title = f"## Larger than memory with {edge}³ samples: uint8, {len(LEVELS)} isovalues, --memory {MEMORY[edge]}\n\n"
     told = (
         f"\nThe killed run left {kept:,} whole chunks. Chunks, lists and scene of the resumed run, of the run from "
         f"Zarr and of the run from raw are {'identical' if same else 'DIFFERENT'}, byte for byte.\n"
