@@ -1,241 +1,22 @@
-"""`render` gives the library's picture: every option reaches it, and closed forms hold from end to end."""
+"""`render` leaves its files whole, and tells what they show, what they cost and where they may be off."""
 
 from __future__ import annotations
 
 import json
-import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 import isosample
 from cli.harness import Run, blob, write_json
-from cli.test_info import write_turned
-from isosample.cli import build_parser
+from cli.rendered import EXTINCTION, RENDER, ROUNDING, opacity_after, pixels, write_slab
 from isosample.cli.methods import METHODS
-from isosample.cli.render import settings_of
 from isosample.cli.summary import say_flaws
 from isosample.wording import percentage, thousands
 
 pytestmark = pytest.mark.usefixtures("gl")
-
-RENDER = "render blob.npy --tf tf.json --size 24x16"
-EXTINCTION = 0.125
-# Rounding of a constant medium: a few float32 operations on an optical depth below 2, where exp(-x) and its
-# error are below 1; 16 roundings of 2**-24 are ample for the resolve pass of two crossings.
-ROUNDING = 16 * 2.0**-24
-
-
-def pixels(name: str = "out.npy") -> npt.NDArray[np.float32]:
-    picture: npt.NDArray[np.float32] = np.load(name)
-    return picture
-
-
-def by_library(**options: Any) -> npt.NDArray[np.float32]:
-    """The picture of blob.npy with tf.json, made without the command line."""
-    camera = options.pop("camera", {})
-    volume = isosample.Volume(blob())
-    return isosample.render(
-        volume,
-        isosample.TransferFunction.load("tf.json"),
-        size=(24, 16),
-        **{name: options.pop(name) for name in ("per_slope", "refine", "reconstruction") if name in options},
-        camera=isosample.Camera.orbit(volume.box, aspect=1.5, **camera),
-        settings=isosample.RenderSettings(**options),
-    ).rgba
-
-
-def write_slab() -> None:
-    """slab.npy: a ramp along x from 0 to 9 in a box of 9 x 8 x 7, and white.json: one extinction everywhere."""
-    np.save("slab.npy", np.broadcast_to(np.arange(10, dtype=np.float32), (8, 9, 10)))
-    ends = [{"value": value, "color": [1, 1, 1], "extinction": EXTINCTION} for value in (-1, 20)]
-    write_json(Path("white.json"), {"points": ends})
-
-
-def opacity_after(length: float) -> float:
-    return -math.expm1(-EXTINCTION * length)
-
-
-def column_x(width: int = 16) -> npt.NDArray[np.float64]:
-    """x of every pixel column's centre in the default view of the slab, whose bounding sphere fits."""
-    radius = math.sqrt(9**2 + 8**2 + 7**2) / 2
-    centres: npt.NDArray[np.float64] = 4.5 + radius * (2 * (np.arange(width) + 0.5) / width - 1)
-    return centres
-
-
-SETTINGS: dict[str, dict[str, Any]] = {
-    "": {},
-    "--azimuth 30 --elevation -20 --zoom 1.5": {"camera": {"azimuth": 30.0, "elevation": -20.0, "zoom": 1.5}},
-    "--up z --azimuth 30": {"camera": {"up_axis": isosample.UpAxis.Z, "azimuth": 30.0}},
-    "--azimuth -30": {"camera": {"azimuth": -30.0}},
-    "--projection perspective": {"camera": {"projection": isosample.Projection.PERSPECTIVE}},
-    "--per-slope 1": {"per_slope": 1},
-    "--segment linear": {"segment": isosample.SegmentRule.LINEAR},
-    "--curved": {"curved": True},
-    "--reconstruction cubic": {"reconstruction": isosample.Reconstruction.CUBIC},
-    "--reconstruction catmull-rom": {"reconstruction": isosample.Reconstruction.CATMULL_ROM},
-    "--reconstruction bspline --no-curved": {
-        "reconstruction": isosample.Reconstruction.BSPLINE,
-        "curved": False,
-    },
-    "--refine 2": {"refine": 2},
-    "--segment constant": {"segment": isosample.SegmentRule.CONSTANT},
-    "--segment constant --segment-opacity exponential": {"segment": isosample.SegmentRule.CONSTANT},
-    "--segment constant --segment-opacity first-order": {
-        "segment": isosample.SegmentRule.CONSTANT_FIRST_ORDER
-    },
-    "--shading": {"material": isosample.Material()},
-    "--background 0.5,0.25,0": {"background": (0.5, 0.25, 0.0, 1.0)},
-    "--background 0.5,0.25,0,0.5": {"background": (0.5, 0.25, 0.0, 0.5)},
-    "--clip -1,0,0,4.25": {"clip_planes": (isosample.ClipPlane(-1.0, 0.0, 0.0, 4.25),)},
-    "--clip=-1,0,0,4.25 --clip 0,1,0,-3": {
-        "clip_planes": (isosample.ClipPlane(-1.0, 0.0, 0.0, 4.25), isosample.ClipPlane(0.0, 1.0, 0.0, -3.0))
-    },
-}
-
-
-@pytest.mark.parametrize(("options", "expected"), SETTINGS.items(), ids=SETTINGS.keys())
-def test_an_option_gives_the_bits_of_the_library_with_that_setting(
-    run: Run, options: str, expected: dict[str, Any]
-) -> None:
-    outcome = run(f"{RENDER} {options} -o out.npy")
-    assert outcome.status == 0, outcome.err
-    assert outcome.err == ""
-    np.testing.assert_array_equal(pixels(), by_library(**expected))
-
-
-def test_every_setting_changes_the_picture(run: Run) -> None:
-    same = {"--segment constant --segment-opacity exponential"}  # spells out what --segment constant means
-    pictures = set()
-    for options in SETTINGS.keys() - same:
-        run(f"{RENDER} {options} -o out.npy")
-        pictures.add(pixels().tobytes())
-    assert len(pictures) == len(SETTINGS) - len(same)
-
-
-def test_a_camera_file_gives_the_bits_of_the_same_orbit(run: Run) -> None:
-    camera = isosample.Camera.orbit(isosample.Volume(blob()).box, azimuth=30, aspect=1.5)
-    write_json(Path("camera.json"), camera.to_dict())
-    assert run(f"{RENDER} --camera camera.json -o file.npy").status == 0
-    assert run(f"{RENDER} --azimuth 30 -o orbit.npy").status == 0
-    np.testing.assert_array_equal(pixels("file.npy"), pixels("orbit.npy"))
-
-
-def test_an_upright_picture_fits_the_box_to_its_width(run: Run) -> None:
-    assert run("render blob.npy --tf tf.json --size 16x24 -o out.npy").status == 0
-    expected = isosample.render(
-        isosample.Volume(blob()), isosample.TransferFunction.load("tf.json"), size=(16, 24)
-    )
-    np.testing.assert_array_equal(pixels(), expected.rgba)
-
-
-@pytest.mark.parametrize("stage", ["auto", "fragment", "compute"])
-def test_the_stage_reaches_the_settings(stage: str) -> None:
-    args = build_parser().parse_args(["render", "blob.npy", "-o", "out.npy", "--stage", stage])
-    assert settings_of(args).stage.value == stage
-
-
-def test_both_stages_give_the_same_picture(run: Run) -> None:
-    for stage in ("fragment", "compute"):
-        assert run(f"{RENDER} --stage {stage} -o {stage}.npy").status == 0
-    assert pixels("fragment.npy")[..., 3].max() > 0.5
-    np.testing.assert_allclose(pixels("fragment.npy"), pixels("compute.npy"), rtol=0, atol=1e-5)
-
-
-def test_a_slab_has_the_opacity_of_its_thickness(run: Run) -> None:
-    write_slab()
-    assert run("render slab.npy --tf white.json --size 16x16 -o out.npy").status == 0
-    np.testing.assert_allclose(pixels()[8, 8], opacity_after(7), rtol=0, atol=ROUNDING)  # white: all four
-    assert not pixels()[0].any()
-
-
-def test_spacing_lengthens_the_way_through_a_raw_slab(run: Run) -> None:
-    write_slab()
-    Path("slab.raw").write_bytes(np.load("slab.npy").astype("u1").tobytes())
-    read = "--shape 10,9,8 --dtype uint8"
-    assert run(f"render slab.raw {read} --tf white.json --size 16x16 -o one.npy").status == 0
-    assert run("render slab.npy --tf white.json --size 16x16 -o float.npy").status == 0
-    np.testing.assert_allclose(pixels("one.npy"), pixels("float.npy"), rtol=0, atol=ROUNDING)
-    assert run(f"render slab.raw {read} --spacing 1,1,2 --tf white.json --size 16x16 -o two.npy").status == 0
-    np.testing.assert_allclose(pixels("two.npy")[8, 8], opacity_after(14), rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize("clip", ["--clip -1,0,0,4", "--clip=-1,0,0,4", "--clip -.25,0,0,1"])
-def test_a_clip_plane_keeps_the_side_where_it_is_positive(run: Run, clip: str) -> None:
-    write_slab()
-    assert run(f"render slab.npy --tf white.json --size 16x16 {clip} -o out.npy").status == 0
-    x = column_x()
-    inside = (x >= 0) & (x <= 4)
-    assert inside.any()
-    expected = np.where(inside, opacity_after(7), 0.0)
-    np.testing.assert_allclose(pixels()[8, :, 3], expected, rtol=0, atol=ROUNDING)
-
-
-def test_clip_planes_across_the_view_thin_the_slab(run: Run) -> None:
-    write_slab()
-    clips = "--clip 0,0,-1,5.5 --clip 0,0,1,-2"  # 2 <= z <= 5.5
-    assert run(f"render slab.npy --tf white.json --size 16x16 {clips} -o out.npy").status == 0
-    np.testing.assert_allclose(pixels()[8, 8, 3], opacity_after(3.5), rtol=0, atol=ROUNDING)
-
-
-def test_frame_index_gives_the_picture_of_the_bare_samples(run: Run) -> None:
-    pytest.importorskip("SimpleITK")
-    write_turned()
-    view = "--tf tf.json --size 24x16 --azimuth 20 --up y"
-    assert run(f"render turned.mha --frame index {view} -o index.npy").status == 0
-    assert run(f"render blob.npy --spacing 0.5,1,2 {view} -o bare.npy").status == 0
-    assert run(f"render turned.mha {view} -o world.npy").status == 0
-    np.testing.assert_array_equal(pixels("index.npy"), pixels("bare.npy"))
-    assert not np.array_equal(pixels("index.npy"), pixels("world.npy"))
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_scans_in_patient_axes_are_seen_from_the_front_head_up(run: Run, method: str) -> None:
-    pytest.importorskip("SimpleITK")
-    write_turned()
-    view = f"--tf tf.json --size 24x16 --azimuth 20 --method {method}"
-    pictures = {}
-    for name, source, up in (
-        ("default", "turned.mha", ""),
-        ("z", "turned.mha", "--up z"),
-        ("y", "turned.mha", "--up y"),
-        ("index", "turned.mha --frame index", ""),
-        ("index y", "turned.mha --frame index", "--up y"),
-    ):
-        assert run(f"render {source} {view} {up} -o out.npy").status == 0
-        pictures[name] = pixels()
-    np.testing.assert_array_equal(pictures["default"], pictures["z"])
-    assert not np.array_equal(pictures["default"], pictures["y"])
-    np.testing.assert_array_equal(pictures["index"], pictures["index y"])
-
-
-def test_a_cache_and_a_film_of_a_scan_in_patient_axes_begin_at_its_front(run: Run) -> None:
-    pytest.importorskip("SimpleITK")
-    write_turned()
-    assert run("render turned.mha --tf tf.json --size 24x16 -o volume.npy").status == 0
-    assert run("precompute turned.mha --tf tf.json --cache turned_meshes").status == 0
-    assert run("render turned_meshes --size 24x16 -o cache.npy").status == 0
-    np.testing.assert_array_equal(pixels("cache.npy"), pixels("volume.npy"))
-    assert run("render turned_meshes --size 24x16 --turntable 2 -o film.npy").status == 0
-    np.testing.assert_array_equal(pixels("film-000.npy"), pixels("volume.npy"))
-    volume = isosample.open_volume("turned.mha")
-    image = isosample.render(volume, isosample.TransferFunction.load("tf.json"), size=(24, 16))
-    np.testing.assert_array_equal(image.rgba, pixels("volume.npy"))
-
-
-def test_time_and_channel_choose_the_samples(run: Run) -> None:
-    np.save("movie.npy", np.stack([np.zeros_like(blob()), blob()]))
-    np.save("parts.npy", np.stack([blob(), np.zeros_like(blob())], axis=-1))
-    assert run(f"{RENDER} -o out.npy").status == 0
-    view = "--tf tf.json --size 24x16"
-    assert run(f"render movie.npy --time 1 {view} -o time.npy").status == 0
-    assert run(f"render parts.npy --channel 0 {view} -o channel.npy").status == 0
-    np.testing.assert_array_equal(pixels("time.npy"), pixels())
-    np.testing.assert_array_equal(pixels("channel.npy"), pixels())
 
 
 def test_a_png_is_the_picture_in_srgb(run: Run) -> None:
@@ -417,20 +198,6 @@ def test_a_picture_that_clip_planes_or_the_view_make_empty_says_which(
         assert f"2 of 2 frames, from frame 0 on: {why}" in outcome.out
 
 
-def test_a_mask_is_rendered_like_its_0_and_1(run: Run) -> None:
-    mask = blob() > 40
-    write_json(
-        Path("mask.json"), {"points": [{"value": v, "color": [1, 0, 0], "extinction": 3 * v} for v in (0, 1)]}
-    )
-    pictures = []
-    for name, samples in (("mask.npy", mask), ("ones.npy", mask.astype(np.uint8))):
-        np.save(name, samples)
-        assert run(f"render {name} --tf mask.json --size 24x16 -o out.npy").status == 0
-        pictures.append(pixels())
-    assert pictures[0][..., 3].max() > 0.5
-    np.testing.assert_array_equal(pictures[0], pictures[1])
-
-
 def test_what_only_a_spline_reaches_is_not_called_nothing(run: Run) -> None:
     """The cubic of samples 0, 1, 1, 0 rises to 9/8 between them, which is above all samples."""
     samples = np.zeros((4, 4, 4), dtype=np.float32)
@@ -465,21 +232,6 @@ def test_names_that_are_no_utf8_reach_the_statistics(run: Run) -> None:
     outcome = run("render", name, "--tf", "tf.json", "--size", "16x16", "-o", "out.npy", "--stats", "s.json")
     assert outcome.status == 0, outcome.err
     assert json.loads(Path("s.json").read_bytes())["source"] == name
-
-
-def test_a_budget_of_meshes_on_the_gpu_makes_batches_and_changes_no_bit(run: Run, folder: Path) -> None:
-    x, y, z = np.mgrid[-1:1:80j, -1:1:80j, -1:1:80j]  # several bricks
-    np.save("large.npy", (100 * np.exp(-(x * x + y * y + z * z))).astype(np.float32))
-    pictures, batches = [], []
-    for more in ("", "--mesh-budget 2MiB"):
-        words = f"render large.npy --tf tf.json --size 24x24 -o out.npy --stats stats.json {more}"
-        outcome = run(words)
-        assert outcome.status == 0, outcome.err
-        pictures.append((folder / "out.npy").read_bytes())
-        batches.append(json.loads((folder / "stats.json").read_text())["mesh_batches"])
-    assert pictures[0] == pictures[1]
-    assert batches[0] < batches[1]
-    assert "64 KiB" in run("render large.npy --tf tf.json --size 24x24 -o out.npy --mesh-budget 1KiB").err
 
 
 @pytest.mark.parametrize("method", ["data-centric", "pre-integrated", "auto"])
