@@ -116,7 +116,7 @@ class Contender(Protocol):
 
     setting: Setting
     precompute_seconds: float  # of what is done once per volume and transfer function, without the GPU
-    bytes: int  # estimate of the memory that it holds at most while it is loaded
+    bytes: int  # estimate of the memory that it holds while it is loaded: at most, until it has drawn
 
     def prepare(self) -> None:
         """Do what can be kept on disk: the extraction of meshes; nothing for a ray caster."""
@@ -147,7 +147,7 @@ class SurfaceContender:
         self._scene = scene
         self.setting = setting
         self.precompute_seconds = 0.0
-        self.bytes = 0
+        self.bytes = self._mesh_bytes = 0
         self._prepared: PreparedSurfaces | None = None
         self._renderer: Renderer | None = None
         self._settings = scene.render
@@ -174,8 +174,8 @@ class SurfaceContender:
         )
         self.precompute_seconds = time.perf_counter() - start
         surfaces = self._prepared.surfaces
-        triangles = sum(sum(one.statistics.triangles) for one in surfaces.by_detail)
-        self.bytes = TRIANGLE_BYTES * triangles + scene.render.fragment_budget_bytes
+        self._mesh_bytes = TRIANGLE_BYTES * sum(sum(one.statistics.triangles) for one in surfaces.by_detail)
+        self.bytes = self._mesh_bytes + scene.render.fragment_budget_bytes
 
     def load(self, cameras: Sequence[Camera]) -> float:
         """Merge the meshes and upload the scene; with details and a tolerance, look how coarse they may be.
@@ -195,7 +195,11 @@ class SurfaceContender:
     def frame(self, camera: Camera) -> Image:
         """Build the lists, resolve them, read back."""
         assert self._renderer is not None
-        return self._renderer.render(camera=camera, size=self._scene.size, settings=self._settings)
+        image = self._renderer.render(camera=camera, size=self._scene.size, settings=self._settings)
+        self.bytes = (
+            self._mesh_bytes + image.stats["pool_bytes"]
+        )  # which grows with the views, and never shrinks
+        return image
 
     def release(self) -> None:
         """Free the GPU and the meshes."""

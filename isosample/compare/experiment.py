@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting, contender, cost_of
 from isosample.compare.conventions import backdrop_of, describe_conventions, describe_scene, grain_band_of
-from isosample.compare.frames import Timing, time_frames
+from isosample.compare.frames import Timing, draw_once, time_frames
 from isosample.compare.machine import describe_machine
 from isosample.compare.metrics import Pixels, summarise
 from isosample.compare.results import Entry, Results, View, median_of_told
@@ -24,7 +25,7 @@ from isosample.surfaces.extract import extract_surfaces
 from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from isosample.compare.contenders import Contender
     from isosample.rendering.image import Image
@@ -49,8 +50,8 @@ class Experiment:
     repeat : int
         Timed frames per entry and camera, after one that is not timed.
     budget_bytes : int
-        Contenders that together may hold more (meshes and fragments, or the volume) beside the pictures of all
-        entries are measured one group after the other.
+        Contenders that together hold more (meshes and fragments, or the volume), beside the pictures of all entries,
+        are measured one group after the other.
     targets : tuple of float
         RMSE of the verdict.
 
@@ -126,13 +127,14 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
     pictures: dict[str, tuple[F32, ...]] = {}
     by_method = experiment.sweep.settings(experiment.scene.raycast.sampling)
     count = sum(map(len, by_method))
-    for group in _groups(experiment, by_method, report):
-        timings = time_frames(group, experiment.cameras, experiment.repeat, report)
-        for one, timing in zip(group, timings, strict=True):
-            entry = _entry(one, timing, experiment, [truth.rgba for truth in truths])
-            entries[entry.name] = entry
-            pictures[entry.name] = tuple(image.rgba for image in timing.images)
-            report("judge", len(entries), count)
+    with closing(_groups(experiment, by_method, report)) as groups:
+        for group, timings in groups:
+            time_frames(group, timings, experiment.cameras, experiment.repeat, report)
+            for one, timing in zip(group, timings, strict=True):
+                entry = _entry(one, timing, experiment, [truth.rgba for truth in truths])
+                entries[entry.name] = entry
+                pictures[entry.name] = tuple(image.rgba for image in timing.images)
+                report("judge", len(entries), count)
     ordered = tuple(entries[setting.name] for settings in by_method for setting in settings)
     results = Results(
         scene=describe_scene(experiment.scene),
@@ -221,24 +223,32 @@ def _references(experiment: Experiment, report: Progress) -> Iterator[Image]:
 
 def _groups(
     experiment: Experiment, by_method: list[list[Setting]], report: Progress
-) -> Iterator[list[Contender]]:
-    """Prepared contenders, as many at a time as fit the budget; each group holds neighbours in quality."""
+) -> Generator[tuple[list[Contender], list[Timing]]]:
+    """Loaded contenders that have drawn every view, as many at a time as fit the budget; freed when asked for the next.
+
+    Each group holds neighbours in quality.
+    """
     most = max(map(len, by_method))
     ranked = [settings[rank] for rank in range(most) for settings in by_method if rank < len(settings)]
     width, height = experiment.scene.size
     pictures = (
         PIXEL_BYTES * width * height * len(experiment.cameras) * (1 + len(ranked))
     )  # with the references
-    group: list[Contender] = []
-    for number, setting in enumerate(ranked):
-        one = contender(experiment.scene, setting)
-        one.prepare()
-        report("prepare", number + 1, len(ranked))
-        if group and pictures + sum(other.bytes for other in [one, *group]) > experiment.budget_bytes:
-            yield group
-            group = []
-        group.append(one)
-    yield group
+    with ExitStack() as loaded:
+        group: list[Contender] = []
+        timings: list[Timing] = []
+        for number, setting in enumerate(ranked):
+            one = contender(experiment.scene, setting)
+            one.prepare()
+            if group and pictures + sum(other.bytes for other in [one, *group]) > experiment.budget_bytes:
+                yield group, timings
+                loaded.close()
+                group, timings = [], []
+            loaded.callback(one.release)
+            group.append(one)
+            timings.append(draw_once(one, experiment.cameras))
+            report("prepare", number + 1, len(ranked))
+        yield group, timings
 
 
 def _entry(one: Contender, timing: Timing, experiment: Experiment, truths: Sequence[F32]) -> Entry:

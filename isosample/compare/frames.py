@@ -32,49 +32,21 @@ class Timing:
     stages: list[dict[str, list[float]]] = field(default_factory=list)
 
 
-def time_frames(
-    group: Sequence[Contender], cameras: Sequence[Camera], repeat: int, report: Progress
-) -> list[Timing]:
-    """Load all of a group, draw every view once, then time frames in turn; everything is freed afterwards.
+def draw_once(one: Contender, cameras: Sequence[Camera]) -> Timing:
+    """Load a prepared contender and draw every view; the first frame compiles shaders and uploads what was put off.
 
     Parameters
     ----------
-    group : sequence of Contender
+    one : Contender
         Prepared.
     cameras : sequence of Camera
-    repeat : int
-        Timed frames per contender and camera.
-    report : callable
-        Called with "frames", frames done and frames in all.
 
     Returns
     -------
-    timings : list of Timing
-        In the order of the group.
+    timing : Timing
+        With the pictures and the seconds of what is done once, and no frame timed yet.
     """
-    gpu = GpuTimer(shared_context())
-    timings = [Timing() for _ in group]
-    total = len(group) * len(cameras) * (repeat + 1)
-    done = 0
-    try:
-        for one, timing in zip(group, timings, strict=True):
-            _load(one, timing, cameras)
-            done += len(cameras)
-            report("frames", done, total)
-        for turn in range(repeat):
-            for place, camera in enumerate(cameras):
-                for number in _rotated(len(group), turn):
-                    _time_frame(group[number], timings[number], place, camera, gpu)
-                    done += 1
-                    report("frames", done, total)
-    finally:
-        for one in group:
-            one.release()
-    return timings
-
-
-def _load(one: Contender, timing: Timing, cameras: Sequence[Camera]) -> None:
-    """Upload, and draw every view once; the first frame compiles shaders and uploads what was put off."""
+    timing = Timing()
     created = one.load(cameras)
     for camera in cameras:
         start = time.perf_counter()
@@ -87,6 +59,39 @@ def _load(one: Contender, timing: Timing, cameras: Sequence[Camera]) -> None:
     timing.wall = [[] for _ in cameras]
     timing.gpu = [[] for _ in cameras]
     timing.stages = [{} for _ in cameras]
+    return timing
+
+
+def time_frames(
+    group: Sequence[Contender],
+    timings: Sequence[Timing],
+    cameras: Sequence[Camera],
+    repeat: int,
+    report: Progress,
+) -> None:
+    """Time frames of a group in turn.
+
+    Parameters
+    ----------
+    group : sequence of Contender
+        Loaded.
+    timings : sequence of Timing
+        Of `draw_once`, in the order of the group; the frames are added.
+    cameras : sequence of Camera
+    repeat : int
+        Timed frames per contender and camera.
+    report : callable
+        Called with "frames", frames done and frames in all.
+    """
+    gpu = GpuTimer(shared_context())
+    total = len(group) * len(cameras) * repeat
+    done = 0
+    for turn in range(repeat):
+        for place, camera in enumerate(cameras):
+            for number in _rotated(len(group), turn):
+                _time_frame(group[number], timings[number], place, camera, gpu)
+                done += 1
+                report("frames", done, total)
 
 
 def _time_frame(one: Contender, timing: Timing, place: int, camera: Camera, gpu: GpuTimer) -> None:

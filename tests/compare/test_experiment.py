@@ -8,7 +8,7 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +19,10 @@ import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
 from isosample.compare import contenders, experiment
-from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting
+from isosample.compare.contenders import SAMPLE_BYTES, TRIANGLE_BYTES, ComparedScene, Parameter, Setting
 from isosample.compare.conventions import grain_band_of
 from isosample.compare.experiment import Experiment, run_experiment
-from isosample.compare.frames import time_frames
+from isosample.compare.frames import draw_once, time_frames
 from isosample.compare.metrics import rmse
 from isosample.compare.report_tables import facts
 from isosample.compare.results import write_results, write_table
@@ -266,10 +266,12 @@ class _Recorder:
 
 def test_frames_are_drawn_in_turn_after_one_of_every_view_that_does_not_count() -> None:
     log: list[str] = []
-    timings = time_frames([_Recorder(name, log) for name in "abc"], CAMERAS, 2, lambda *_: None)
+    recorders = [_Recorder(name, log) for name in "abc"]
+    timings = [draw_once(one, CAMERAS) for one in recorders]
+    time_frames(recorders, timings, CAMERAS, 2, lambda *_: None)
     warm = ["load a", "a0", "a1", "load b", "b0", "b1", "load c", "c0", "c1"]
     first, second = ["a0", "b0", "c0", "a1", "b1", "c1"], ["b0", "c0", "a0", "b1", "c1", "a1"]
-    assert log == [*warm, *first, *second, "release a", "release b", "release c"]
+    assert log == [*warm, *first, *second]
     assert [[len(frames) for frames in timing.wall] for timing in timings] == [[2, 2]] * 3
     assert [(timing.prepare_seconds, timing.load_seconds) for timing in timings] == [(0.125, 0.375)] * 3
 
@@ -292,17 +294,46 @@ def test_meshes_for_a_tolerance_are_as_coarse_as_all_views_allow(monkeypatch: py
     assert seen == [1 / 8, *CAMERAS]
 
 
-def sizes_of_groups(monkeypatch: pytest.MonkeyPatch, asked: Experiment) -> tuple[list[int], list[str]]:
-    """How many contenders are timed together, and the names of all entries."""
-    sizes = []
+@dataclass(slots=True)
+class Groups:
+    """What was timed together, and what was loaded and freed."""
 
-    def counted(group: Sequence[Contender], *rest: Any) -> list[Timing]:
-        sizes.append(len(group))
-        return time_frames(group, *rest)
+    sizes: list[int] = field(default_factory=list)
+    held: list[int] = field(default_factory=list)  # bytes, of every contender that was timed
+    loaded: int = 0
+    most_loaded: int = 0
+
+
+@pytest.fixture
+def groups(monkeypatch: pytest.MonkeyPatch) -> Groups:
+    """Filled while a comparison runs."""
+    seen = Groups()
+
+    def counted(group: Sequence[Contender], *rest: Any) -> None:
+        seen.sizes.append(len(group))
+        seen.held += [one.bytes for one in group]
+        time_frames(group, *rest)
+
+    def loading(one: Contender, cameras: Sequence[Camera]) -> Timing:
+        seen.loaded += 1
+        seen.most_loaded = max(seen.loaded, seen.most_loaded)
+        return draw_once(one, cameras)
+
+    def freeing(kind: type[contenders.SurfaceContender | contenders.RayContender]) -> None:
+        release = kind.release
+
+        def counted_release(one: Any) -> None:
+            seen.loaded -= one._renderer is not None if hasattr(one, "_renderer") else one._caster is not None
+            release(one)
+
+        monkeypatch.setattr(kind, "release", counted_release)
 
     monkeypatch.setattr(experiment, "time_frames", counted)
-    found = run_experiment(asked).results.to_dict()
-    return sizes, [entry["name"] for entry in found["entries"]]
+    monkeypatch.setattr(experiment, "draw_once", loading)
+    monkeypatch.setattr(experiment, "warm_up", lambda *_: None)
+    freeing(contenders.SurfaceContender)
+    freeing(contenders.RayContender)
+    return seen
 
 
 def picture_bytes(entries: int) -> int:
@@ -310,31 +341,52 @@ def picture_bytes(entries: int) -> int:
     return 16 * SIZE[0] * SIZE[1] * len(CAMERAS) * (entries + 1)
 
 
-def test_contenders_that_do_not_fit_together_are_measured_in_groups(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("spare", "expected"), [(0, [3, 1]), (-1, [2, 2])])
+def test_contenders_that_do_not_fit_together_are_measured_in_groups(
+    groups: Groups, spare: int, expected: list[int]
+) -> None:
     texture = SAMPLE_BYTES * blob_scene().volume.array.size
     methods = ("post-classified", "pre-integrated")
-    for spare, expected in ((0, [3, 1]), (-1, [2, 2])):
-        budget = picture_bytes(4) + 3 * texture + spare
-        sizes, names = sizes_of_groups(monkeypatch, small_experiment(budget_bytes=budget, methods=methods))
-        assert sizes == expected
-        assert names == [f"{method}-step-{step}" for method in methods for step in ("2", "1-2")]
+    asked = small_experiment(budget_bytes=picture_bytes(4) + 3 * texture + spare, methods=methods)
+    found = run_experiment(asked).results.to_dict()
+    assert (groups.sizes, groups.most_loaded, groups.loaded) == (expected, max(expected), 0)
+    assert [entry["name"] for entry in found["entries"]] == [
+        f"{method}-step-{step}" for method in methods for step in ("2", "1-2")
+    ]
 
 
-def test_the_fragments_that_a_contender_may_hold_count(monkeypatch: pytest.MonkeyPatch) -> None:
-    fragments = 1 << 20
+def test_fragments_count_as_they_are_and_before_that_as_they_may_be(groups: Groups) -> None:
+    most = 1 << 20
     scene = blob_scene()
-    scene = replace(scene, render=replace(scene.render, fragment_budget_bytes=fragments))
-    meshes = []
-    for number in PER_SLOPES:
-        one = contenders.contender(scene, Setting("data-centric", Parameter.PER_SLOPE, number))
-        one.prepare()
-        meshes.append(one.bytes - fragments)
-        one.release()
-    assert 0 < meshes[0] < meshes[1] < fragments
-    both = picture_bytes(2) + sum(meshes) + 2 * fragments
+    scene = replace(scene, render=replace(scene.render, fragment_budget_bytes=most))
+    asked = replace(small_experiment(methods=("data-centric",)), scene=scene)
+    found = run_experiment(asked).results.to_dict()
+    meshes = [TRIANGLE_BYTES * entry["summary"]["triangles_extracted"] for entry in found["entries"]]
+    pools = [held - mesh for held, mesh in zip(groups.held, meshes, strict=True)]
+    assert all(0 < pool <= most for pool in pools)
+    assert pools[0] < most
+    # the first has drawn when the second one comes, of which only the bound is known
+    both = picture_bytes(2) + groups.held[0] + meshes[1] + most
     for spare, expected in ((0, [2]), (-1, [1, 1])):
-        asked = small_experiment(budget_bytes=both + spare, methods=("data-centric",))
-        assert sizes_of_groups(monkeypatch, replace(asked, scene=scene))[0] == expected
+        groups.sizes.clear()
+        run_experiment(replace(asked, budget_bytes=both + spare))
+        assert groups.sizes == expected
+
+
+def test_what_is_loaded_is_freed_where_a_later_setting_fails(
+    groups: Groups, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare = contenders.RayContender.prepare
+
+    def fails(one: contenders.RayContender) -> None:
+        if one.setting.value == STEPS[1]:
+            raise InputError("no more")
+        prepare(one)
+
+    monkeypatch.setattr(contenders.RayContender, "prepare", fails)
+    with pytest.raises(InputError, match="no more"):
+        run_experiment(small_experiment(methods=("pre-integrated", "post-classified")))
+    assert (groups.most_loaded, groups.loaded) == (2, 0)
 
 
 HALF_VOXELS = isosample.Volume(np.zeros((9, 9, 9), np.float32), spacing=(0.5, 1.0, 0.75))  # 4 x 8 x 6
