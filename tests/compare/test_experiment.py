@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,11 @@ import pytest
 import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
-from isosample.compare import contenders, experiment
-from isosample.compare.contenders import SAMPLE_BYTES, TRIANGLE_BYTES, ComparedScene, Parameter, Setting
-from isosample.compare.conventions import grain_band_of
+from isosample.compare import contenders
+from isosample.compare.contenders import ComparedScene, Parameter, Setting
 from isosample.compare.experiment import Experiment, run_experiment
 from isosample.compare.frames import draw_once, time_frames
 from isosample.compare.metrics import rmse
-from isosample.compare.report_tables import facts
 from isosample.compare.results import write_results, write_table
 from isosample.compare.sweep import Sweep
 from isosample.defaults import COMPARED_METHODS
@@ -36,9 +33,7 @@ from isosample.rendering.raycast_settings import RaycastSettings, Sampling
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from isosample.compare.contenders import Contender
     from isosample.compare.experiment import Outcome
-    from isosample.compare.frames import Timing
     from isosample.rendering.camera import Camera
 
 pytestmark = pytest.mark.usefixtures("gl")
@@ -292,161 +287,6 @@ def test_meshes_for_a_tolerance_are_as_coarse_as_all_views_allow(monkeypatch: py
         assert one.frame(CAMERAS[1]).stats["screen_error"] == expected
         one.release()
     assert seen == [1 / 8, *CAMERAS]
-
-
-@dataclass(slots=True)
-class Groups:
-    """What was timed together, and what was loaded and freed."""
-
-    sizes: list[int] = field(default_factory=list)
-    held: list[int] = field(default_factory=list)  # bytes, of every contender that was timed
-    loaded: int = 0
-    most_loaded: int = 0
-
-
-@pytest.fixture
-def groups(monkeypatch: pytest.MonkeyPatch) -> Groups:
-    """Filled while a comparison runs."""
-    seen = Groups()
-
-    def counted(group: Sequence[Contender], *rest: Any) -> None:
-        seen.sizes.append(len(group))
-        seen.held += [one.bytes for one in group]
-        time_frames(group, *rest)
-
-    def loading(one: Contender, cameras: Sequence[Camera]) -> Timing:
-        seen.loaded += 1
-        seen.most_loaded = max(seen.loaded, seen.most_loaded)
-        return draw_once(one, cameras)
-
-    def freeing(kind: type[contenders.SurfaceContender | contenders.RayContender]) -> None:
-        release = kind.release
-
-        def counted_release(one: Any) -> None:
-            seen.loaded -= one._renderer is not None if hasattr(one, "_renderer") else one._caster is not None
-            release(one)
-
-        monkeypatch.setattr(kind, "release", counted_release)
-
-    monkeypatch.setattr(experiment, "time_frames", counted)
-    monkeypatch.setattr(experiment, "draw_once", loading)
-    monkeypatch.setattr(experiment, "warm_up", lambda *_: None)
-    freeing(contenders.SurfaceContender)
-    freeing(contenders.RayContender)
-    return seen
-
-
-def picture_bytes(entries: int) -> int:
-    """Memory of so many entries' pictures and the references: four float32 per pixel."""
-    return 16 * SIZE[0] * SIZE[1] * len(CAMERAS) * (entries + 1)
-
-
-@pytest.mark.parametrize(("spare", "expected"), [(0, [3, 1]), (-1, [2, 2])])
-def test_contenders_that_do_not_fit_together_are_measured_in_groups(
-    groups: Groups, spare: int, expected: list[int]
-) -> None:
-    texture = SAMPLE_BYTES * blob_scene().volume.array.size
-    methods = ("post-classified", "pre-integrated")
-    asked = small_experiment(budget_bytes=picture_bytes(4) + 3 * texture + spare, methods=methods)
-    found = run_experiment(asked).results.to_dict()
-    assert (groups.sizes, groups.most_loaded, groups.loaded) == (expected, max(expected), 0)
-    assert [entry["name"] for entry in found["entries"]] == [
-        f"{method}-step-{step}" for method in methods for step in ("2", "1-2")
-    ]
-
-
-def test_fragments_count_as_they_are_and_before_that_as_they_may_be(groups: Groups) -> None:
-    most = 1 << 20
-    scene = blob_scene()
-    scene = replace(scene, render=replace(scene.render, fragment_budget_bytes=most))
-    asked = replace(small_experiment(methods=("data-centric",)), scene=scene)
-    found = run_experiment(asked).results.to_dict()
-    meshes = [TRIANGLE_BYTES * entry["summary"]["triangles_extracted"] for entry in found["entries"]]
-    pools = [held - mesh for held, mesh in zip(groups.held, meshes, strict=True)]
-    assert all(0 < pool <= most for pool in pools)
-    assert pools[0] < most
-    # the first has drawn when the second one comes, of which only the bound is known
-    both = picture_bytes(2) + groups.held[0] + meshes[1] + most
-    for spare, expected in ((0, [2]), (-1, [1, 1])):
-        groups.sizes.clear()
-        run_experiment(replace(asked, budget_bytes=both + spare))
-        assert groups.sizes == expected
-
-
-def test_what_is_loaded_is_freed_where_a_later_setting_fails(
-    groups: Groups, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prepare = contenders.RayContender.prepare
-
-    def fails(one: contenders.RayContender) -> None:
-        if one.setting.value == STEPS[1]:
-            raise InputError("no more")
-        prepare(one)
-
-    monkeypatch.setattr(contenders.RayContender, "prepare", fails)
-    with pytest.raises(InputError, match="no more"):
-        run_experiment(small_experiment(methods=("pre-integrated", "post-classified")))
-    assert (groups.most_loaded, groups.loaded) == (2, 0)
-
-
-HALF_VOXELS = isosample.Volume(np.zeros((9, 9, 9), np.float32), spacing=(0.5, 1.0, 0.75))  # 4 x 8 x 6
-CENTRE = (2.0, 4.0, 3.0)
-
-
-def seen_from_afar(**size: float) -> isosample.Camera:
-    """A camera 9 in front of the centre of the box; orthographic with a height, else perspective."""
-    kind = isosample.Projection.ORTHOGRAPHIC if "height" in size else isosample.Projection.PERSPECTIVE
-    eye = (CENTRE[0], CENTRE[1], CENTRE[2] + 9.0)
-    return isosample.Camera(projection=kind, eye=eye, target=CENTRE, **size)  # type: ignore[arg-type]
-
-
-def test_the_grain_band_is_that_of_one_voxel_and_stays_below_the_finest_frequency() -> None:
-    camera = seen_from_afar(height=10.0)
-    band = grain_band_of(camera, (100, 100), HALF_VOXELS)  # pixels of 0.1, a fifth of a voxel
-    expected = (0.2 * math.tan(math.radians(15)), 0.2 * math.tan(math.radians(60)))
-    assert band == pytest.approx(expected)
-    assert grain_band_of(camera, (10, 10), HALF_VOXELS) == (0.25, 0.5)
-    window = 2 * math.degrees(math.atan(5.0 / 9.0))  # as high in the middle of the box
-    assert grain_band_of(seen_from_afar(fov_y_degrees=window), (100, 100), HALF_VOXELS) == pytest.approx(
-        expected
-    )
-
-
-def test_the_grain_band_does_not_depend_on_how_far_the_target_is() -> None:
-    far = seen_from_afar(fov_y_degrees=30.0)
-    near = replace(far, target=(far.eye[0], far.eye[1], far.eye[2] - 0.01))
-    band = grain_band_of(far, (64, 64), HALF_VOXELS)
-    assert band is not None
-    assert grain_band_of(near, (64, 64), HALF_VOXELS) == pytest.approx(band)
-
-
-def test_a_picture_of_less_than_a_voxel_has_no_grain_band() -> None:
-    # The steps repeat tan 60° x (height / 64) / 0.5 times per pixel at most: less than once per picture below
-    # a height of 0.5 / tan 60° = 0.2887.
-    assert grain_band_of(seen_from_afar(height=0.29), (64, 64), HALF_VOXELS) is not None
-    assert grain_band_of(seen_from_afar(height=0.28), (64, 64), HALF_VOXELS) is None
-    away = seen_from_afar(fov_y_degrees=30.0)
-    away = replace(away, target=(away.eye[0], away.eye[1], away.eye[2] + 1.0))
-    assert grain_band_of(away, (64, 64), HALF_VOXELS) is None
-
-
-@pytest.mark.parametrize("height", [None, 0.2])
-def test_a_comparison_with_a_target_at_the_eye_or_without_a_grain_band_runs_to_its_end(
-    height: float | None, tmp_path: Path
-) -> None:
-    size = {"fov_y_degrees": 30.0} if height is None else {"height": height}
-    kind = isosample.Projection.PERSPECTIVE if height is None else isosample.Projection.ORTHOGRAPHIC
-    camera = isosample.Camera(projection=kind, eye=(5.5, 6.0, 40.0), target=(5.5, 6.0, 39.999), **size)  # type: ignore[arg-type]
-    asked = replace(small_experiment(methods=("pre-integrated",)), cameras=(camera,), repeat=1)
-    found = run_experiment(asked).results.to_dict()
-    write_results(found, tmp_path / "results.json")
-    grains = [entry["summary"]["wood_grain"] for entry in found["entries"]]
-    assert [grain is None for grain in grains] == [height is not None] * len(grains)
-    told = dict(
-        facts(found | {"scene": found["scene"] | {"source": "", "transfer_function_source": ""}})[1][1]
-    )
-    assert ("none, the picture shows too little" in told["wood grain"]) == (height is not None)
-    assert "tilts of 15° to 60°" in told["wood grain"]
 
 
 def test_differential_sampling_is_swept_by_pixel_scale() -> None:
