@@ -7,7 +7,6 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from isosample.volume.lazy import chunks_of, lazily
 
@@ -50,10 +49,25 @@ def sample_cells(volume: Volume, most: int = CELLS) -> CellSample:
     stride = max(1, math.floor((math.prod(counts) / most) ** (1.0 / 3.0)))
     while math.prod(-(-count // stride) for count in counts) > 2 * most:
         stride += 1
-    rows = [_slice(pair, z, stride, volume) for z, pair in _pairs(volume, range(0, counts[0], stride))]
+    rows = [_row(corners, z, stride, volume) for z, corners in cell_corners(volume, stride)]
     centre, low, high, slope = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     looked_at = math.prod(-(-count // stride) for count in counts)
     return CellSample(centre, low, high, slope, math.prod(counts) / looked_at)
+
+
+def cell_corners(volume: Volume, stride: int) -> Iterator[tuple[int, F64]]:
+    """Yield the corners of every `stride`-th cell along each axis, in ascending z; one sample is a flat cell.
+
+    Yields
+    ------
+    z : int
+        Of the lower corners.
+    corners : (2, 2, 2, R, C) float64
+        Samples at the corners [z, y, x] of R by C cells.
+    """
+    starts = range(0, max(volume.array.shape[0] - 1, 1), stride)
+    for z, pair in _pairs(volume, starts):
+        yield z, _corners(np.asarray(pair), stride)
 
 
 def _pairs(volume: Volume, starts: range) -> Iterator[tuple[int, SampleArray]]:
@@ -70,17 +84,21 @@ def _pairs(volume: Volume, starts: range) -> Iterator[tuple[int, SampleArray]]:
         yield z, held[z - first : z - first + 2]
 
 
-def _slice(pair: npt.ArrayLike, z: int, stride: int, volume: Volume) -> tuple[F64, F64, F64, F64]:
-    """Cells between two slices."""
-    layers = np.asarray(pair)
-    last = [size - 1 for size in layers.shape]
-    ends = [max(size, 1) for size in last]
-    corners = np.empty((2, 2, 2, -(-ends[1] // stride), -(-ends[2] // stride)))
-    for k, j, i in itertools.product((0, 1), repeat=3):
-        below, left = min(j, last[1]), min(i, last[2])
-        corners[k, j, i] = layers[
-            min(k, last[0]), below : below + ends[1] : stride, left : left + ends[2] : stride
+def _corners(pair: SampleArray, stride: int) -> F64:
+    """(2, 2, 2, R, C) corners of the cells between two slices, or in one."""
+    last = [size - 1 for size in pair.shape]
+    _, rows, columns = (max(size, 1) for size in last)
+    corners = np.empty((2, 2, 2, math.ceil(rows / stride), math.ceil(columns / stride)))
+    for z, y, x in itertools.product((0, 1), repeat=3):
+        below, left = min(y, last[1]), min(x, last[2])
+        corners[z, y, x] = pair[
+            min(z, last[0]), below : below + rows : stride, left : left + columns : stride
         ]
+    return corners
+
+
+def _row(corners: F64, z: int, stride: int, volume: Volume) -> tuple[F64, F64, F64, F64]:
+    """Centres, smallest and largest corners and slopes of the finite cells at one z."""
     y, x = np.mgrid[: corners.shape[3], : corners.shape[4]] * stride + 0.5
     centre = np.stack([x, y, np.full(x.shape, z + 0.5)], axis=-1)
     finite = np.isfinite(corners).all(axis=(0, 1, 2))

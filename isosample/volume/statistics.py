@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -10,16 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.volume.lazy import chunks_of, lazily
+from isosample.volume.cell_sample import cell_corners
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from isosample.volume.grid import F64, SampleArray, Volume
+    from isosample.volume.grid import F64, Volume
 
 BIN_PER_VALUE = 4096  # an integer volume whose values span no more gets one bin per value
 BLOCK_BYTES = 8 << 20  # counting widens samples to 8 bytes: blocks of one-byte samples grow to 64 MiB
-LARGEST_ROW = 256 << 20  # bytes of slices that are read together where a file keeps them together
 GRADIENT_CELLS = 2_000_000  # cells looked at for typical gradients; their median is then known to about 0.1 %
 
 
@@ -100,40 +98,11 @@ def _sampled_cells(volume: Volume) -> Iterator[tuple[F64, F64, F64]]:
     stride = 1
     while math.prod(math.ceil(count / stride) for count in cells) > GRADIENT_CELLS:
         stride += 1
-    for slices in _slice_pairs(volume, range(0, cells[0], stride)):
-        corners = _corners(slices, stride)
-        corners = corners[..., np.isfinite(corners).all(axis=(0, 1, 2))]
-        steps = [np.diff(corners, axis=axis).mean(axis=(0, 1, 2)) for axis in range(3)]
+    for _, corners in cell_corners(volume, stride):
+        kept = corners[..., np.isfinite(corners).all(axis=(0, 1, 2))]
+        steps = [np.diff(kept, axis=axis).mean(axis=(0, 1, 2)) for axis in range(3)]
         magnitude: F64 = np.linalg.norm(steps, axis=0)
-        yield corners.min(axis=(0, 1, 2)), corners.max(axis=(0, 1, 2)), magnitude
-
-
-def _slice_pairs(volume: Volume, places: range) -> Iterator[SampleArray]:
-    """Yield the slices z and z + 1 for ascending z; of a file, those in one row of its chunks are read together."""
-    samples = lazily(volume.array)
-    depth = chunks_of(samples)[0]
-    slice_bytes = math.prod(samples.shape[1:]) * samples.dtype.itemsize
-    for _, group in itertools.groupby(places, key=lambda z: z // depth):
-        together = list(group)
-        if depth == 1 or depth * slice_bytes > LARGEST_ROW:
-            yield from (np.asarray(samples[z : z + 2]) for z in together)
-            continue
-        block = samples[together[0] : together[-1] + 2]
-        yield from (block[z - together[0] : z - together[0] + 2] for z in together)
-
-
-def _corners(slices: SampleArray, stride: int) -> F64:
-    """(2, 2, 2, R, C) float64, corners [z, y, x] of every `stride`-th cell between two slices, or in one."""
-    last_z, last_y, last_x = (size - 1 for size in slices.shape)
-    rows, columns = max(last_y, 1), max(last_x, 1)
-    shape = (math.ceil(rows / stride), math.ceil(columns / stride))
-    corners = np.empty((2, 2, 2, *shape))
-    for z, y, x in itertools.product((0, 1), repeat=3):
-        start_y, start_x = min(y, last_y), min(x, last_x)
-        corners[z, y, x] = slices[
-            min(z, last_z), start_y : start_y + rows : stride, start_x : start_x + columns : stride
-        ]
-    return corners
+        yield kept.min(axis=(0, 1, 2)), kept.max(axis=(0, 1, 2)), magnitude
 
 
 def _least_width(low: float, high: float) -> float:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from isosample.errors import InputError
+from isosample.volume import cell_sample
 from isosample.volume.bricks import brick_ranges, bricks_of
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples, MappedSamples, Window, identity_of
@@ -160,6 +161,19 @@ def test_statistics_of_a_file_are_those_of_an_array() -> None:
     expected = Volume(SAMPLES)
     np.testing.assert_array_equal(histogram(volume)[0], histogram(expected)[0])
     assert gradient_at_values(volume, [50.5, 120]) == gradient_at_values(expected, [50.5, 120])
+
+
+@pytest.mark.parametrize("chunk", [1, 4, 8, 32])
+def test_chunks_are_decoded_once_for_typical_gradients(monkeypatch: pytest.MonkeyPatch, chunk: int) -> None:
+    lazy, volume = counted((chunk,) * 3)
+    gradient_at_values(volume, [50.5])
+    # A pair of slices lies on both sides of every border of two layers of chunks: the lower one is read once more.
+    borders = (SHAPE[0] - 1) // chunk
+    assert lazy.reads.sum() == (SHAPE[0] + borders - (chunk == 1)) * SAMPLES[0].size
+    monkeypatch.setattr(cell_sample, "SLAB_BYTES", 1)
+    few, same = counted((chunk,) * 3)
+    assert gradient_at_values(same, [50.5]) == gradient_at_values(volume, [50.5])
+    assert few.largest <= 2 * SAMPLES[0].nbytes
 
 
 def test_a_window_answers_in_the_place_it_has_in_the_volume() -> None:
