@@ -97,7 +97,7 @@ class MappedSamples(LazySamples):
     Parameters
     ----------
     mapped : (Z, Y, X) numpy.memmap
-        Or a view of one.
+        Or a view of one; not copy-on-write (see `lazily`), as pages that were written to would be lost.
     """
 
     def __init__(self, mapped: np.memmap[Any, Any]) -> None:
@@ -181,8 +181,11 @@ class LockedSamples(LazySamples):
 
 
 def lazily(samples: SampleArray | LazySamples) -> SampleArray | LazySamples:
-    """Return samples as they are, but memory-mapped ones so that what is read does not stay in memory."""
-    if isinstance(samples, np.memmap) and getattr(samples, "_mmap", None) is not None:
+    """Return samples as they are, but memory-mapped ones so that what is read does not stay in memory.
+
+    Copy-on-write mappings are left alone: what was written to them is in their pages and nowhere else.
+    """
+    if isinstance(samples, np.memmap) and samples.mode != "c" and getattr(samples, "_mmap", None) is not None:
         return MappedSamples(samples)
     return samples
 
@@ -241,7 +244,9 @@ def files_identity(files: Iterable[Path], *more: object) -> str:
 
 
 def _mapped_identity(mapped: np.memmap[Any, Any]) -> str | None:
-    """Identity of a mapped file and of the part of it that an array shows."""
+    """Identity of a mapped file and of the part of it that an array shows; None where it can be written to."""
+    if mapped.mode != "r":
+        return None  # the file's time of change says nothing of the second change to a page
     if not isinstance(mapped.filename, str | Path) or not Path(mapped.filename).is_file():
         return None
     pages = getattr(mapped, "_mmap", None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from isosample.errors import InputError
 from isosample.volume import cell_sample
 from isosample.volume.bricks import brick_ranges, bricks_of
 from isosample.volume.grid import Volume
-from isosample.volume.lazy import LazySamples, MappedSamples, Window, identity_of
+from isosample.volume.lazy import LazySamples, MappedSamples, Window, identity_of, lazily
 from isosample.volume.scan import scan_volume
 from isosample.volume.statistics import gradient_at_values, histogram
 from isosample.volume.windows import COPIES, brick_windows
@@ -203,3 +203,21 @@ def test_a_file_keeps_its_identity_until_it_changes(tmp_path: Path) -> None:
     assert identity_of(SAMPLES) is None
     os.utime(path, ns=(0, path.stat().st_mtime_ns + 1))
     assert identity_of(np.load(path, mmap_mode="r")) != first
+
+
+def test_what_was_written_to_a_copy_on_write_mapping_stays(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", SAMPLES)
+    mapped = np.load(tmp_path / "a.npy", mmap_mode="c")
+    mapped[mapped < 100] = 100
+    expected = np.maximum(SAMPLES, 100)
+    volume = Volume(mapped)
+    assert volume.value_range == (100, SAMPLES.max())
+    np.testing.assert_array_equal(scan_volume(volume, 4).digests, scan_volume(Volume(expected), 4).digests)
+    np.testing.assert_array_equal(volume.array, expected)
+    assert not isinstance(lazily(mapped[2:]), LazySamples)
+
+
+@pytest.mark.parametrize("mode", ["c", "r+"])
+def test_a_mapping_that_can_be_written_to_has_no_identity(tmp_path: Path, mode: Literal["c", "r+"]) -> None:
+    np.save(tmp_path / "a.npy", SAMPLES)
+    assert identity_of(np.load(tmp_path / "a.npy", mmap_mode=mode)) is None
