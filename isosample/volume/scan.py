@@ -120,8 +120,11 @@ def _look_at(volume: Volume, brick: Brick) -> tuple[tuple[float, float], bytes, 
     start = [max(first - HALO, 0) for first in brick.start]
     stop = [min(last + HALO, count - 1) + 1 for last, count in zip(brick.stop, volume.size_xyz, strict=True)]
     z, y, x = (slice(*ends) for ends in zip(start[::-1], stop[::-1], strict=True))
-    padded = np.ascontiguousarray(volume.array[z, y, x])
-    head = f"{padded.dtype.newbyteorder('<').str} {volume.size_xyz} {brick.start} {brick.stop};"
+    samples = volume.array[z, y, x]
+    padded = np.ascontiguousarray(
+        samples, dtype=samples.dtype.newbyteorder("<")
+    )  # digests know one order of bytes
+    head = f"{padded.dtype.str} {volume.size_xyz} {brick.start} {brick.stop};"
     digest = hashlib.sha256(head.encode())
     digest.update(padded.reshape(-1).view(np.uint8).data)
     inner = tuple(

@@ -143,6 +143,18 @@ def test_a_digest_tells_samples_their_type_and_their_place() -> None:
     assert (scan_volume(Volume(np.zeros(SHAPE, dtype=np.int8)), 4).digests != same).any(axis=1).all()
 
 
+@pytest.mark.parametrize("dtype", [">u2", "<u2", ">f4", ">i8"])
+def test_a_digest_is_of_the_values_whatever_the_order_of_their_bytes(dtype: str) -> None:
+    samples = SAMPLES.astype(dtype)
+    expected = scan_volume(Volume(SAMPLES.astype(np.dtype(dtype).newbyteorder("="))), 4)
+    found = scan_volume(Volume(samples), 4)
+    np.testing.assert_array_equal(found.digests, expected.digests)
+    np.testing.assert_array_equal(found.ranges, expected.ranges)
+    other = samples.view(samples.dtype.newbyteorder())  # the same bytes
+    swapped = scan_volume(Volume(other), 4).digests
+    assert (swapped != expected.digests).any(axis=1).all()
+
+
 def test_samples_that_are_not_finite_are_counted_once() -> None:
     samples = SAMPLES.astype(np.float32)
     samples[4, 4, 4] = samples[0, 0, 0] = samples[-1, -1, -1] = np.nan
