@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -127,8 +126,8 @@ def _check_steps(name: str, positions: F64 | None) -> None:
     if positions is None:
         return
     steps = np.abs(np.diff(positions[:, 2]))
-    moving = np.round(steps[steps > 0], 3).tolist()
-    usual = Counter(moving).most_common(1)[0][0] if moving else 1.0
+    moving = steps[steps > 0]
+    usual = float(np.quantile(moving, 0.5, method="lower")) if moving.size else 1.0
     odd = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
     if odd.size:
         at = int(odd[0])

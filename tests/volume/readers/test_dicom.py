@@ -54,9 +54,21 @@ def test_slices_are_sorted_by_position_and_placed(tmp_path: Path) -> None:
     assert volume.origin == (1, 2, 10)
 
 
+@pytest.mark.parametrize("step", [0.0096, 0.00012, 3.3333])
+def test_even_slices_are_even_however_thin(tmp_path: Path, step: float) -> None:
+    write_series(tmp_path, heights=[round(1.0 + step * k, 6) for k in range(8)])
+    assert open_volume(tmp_path).spacing[2] == pytest.approx(step, rel=1e-3)
+
+
 def test_a_missing_slice_is_reported_not_bridged(tmp_path: Path) -> None:
     write_series(tmp_path, heights=[10.0, 12.5, 17.5, 20.0])
     with pytest.raises(InputError, match=r"slices 1 and 2 are 5 mm apart, most are 2\.5 mm"):
+        open_volume(tmp_path)
+
+
+def test_a_missing_slice_among_three_is_reported_by_a_distance_that_there_is(tmp_path: Path) -> None:
+    write_series(tmp_path, heights=[10.0, 15.0, 17.5])
+    with pytest.raises(InputError, match=r"slices 0 and 1 are 5 mm apart, most are 2\.5 mm"):
         open_volume(tmp_path)
 
 
