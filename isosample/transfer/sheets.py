@@ -99,13 +99,17 @@ def split_sheets(
 
 
 def _closed_points(transfer_function: TransferFunction) -> list[ControlPoint]:
-    """Control points, and at ends with extinction one more that drops to 0."""
-    points = list(transfer_function.points)
-    if points and points[0].extinction > 0:
-        points.insert(0, ControlPoint(points[0].value, points[0].color, 0.0))
-    if points and points[-1].extinction > 0:
-        points.append(ControlPoint(points[-1].value, points[-1].color, 0.0))
-    return points
+    """Control points, of which the outermost have no extinction."""
+    return _closed(_closed(list(transfer_function.points))[::-1])[::-1]
+
+
+def _closed(points: list[ControlPoint]) -> list[ControlPoint]:
+    """Points of which the first has no extinction: one more, or in place of the outer side of a step."""
+    if not points or points[0].extinction == 0:
+        return points
+    first = points[0]
+    seen = points[1:] if first.value == points[1].value else points
+    return [ControlPoint(first.value, first.color, 0.0), *seen]
 
 
 def _narrow_runs(

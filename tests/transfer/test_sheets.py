@@ -112,6 +112,22 @@ def test_two_peaks_that_share_an_end_are_two_sheets() -> None:
     np.testing.assert_array_equal(plan.band_extinction, np.zeros((3, 2)))
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_function_that_begins_or_ends_with_a_step_keeps_it_beside_a_sheet(side: int) -> None:
+    points = [(100, 1), (100, 2), (200, 0), *tent(500, WIDTH, 300)]
+    if side < 0:
+        points = [(600 - value, extinction) for value, extinction in reversed(points)]
+    plan = plan_of(*points, value_range=(0, 600))
+    whole = plan_of(*points, value_range=(0, 600), gradients=None)
+    # of the step at 100 the side outside is never seen: the same bands as without the sheet
+    assert plan.sheet_area.any()
+    slope = {1: 0, -1: -1}[side]
+    np.testing.assert_array_equal(
+        plan.band_extinction[[slope, slope + side]], whole.band_extinction[[slope, slope + side]]
+    )
+    np.testing.assert_array_equal(plan.band_extinction[slope + side], [2, 0] if side > 0 else [0, 2])
+
+
 def test_a_valley_above_the_line_makes_one_peak() -> None:
     plan = plan_of((5, 0), (5.0001, 300), (5.0002, 100), (5.0003, 300), (5.0004, 0))
     np.testing.assert_allclose(plan.isovalues, [5.0002], rtol=1e-15)
