@@ -88,7 +88,8 @@ def brick_ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
     Parameters
     ----------
     volume : Volume
-        Read once, slab by slab, when the bricks come in the order of `bricks_of`.
+        Sliced brick by brick where its samples stay in a file, so that a chunk of the file is read for every brick
+        that it meets; `scan_volume` reads each once.
     bricks : sequence of Brick
         All inside the volume.
 
