@@ -10,6 +10,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
 
+F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 
 LOWEST, HIGHEST = -4.0, 5.0  # normalised values that a reconstruction of samples in [0, 1] can come near to
@@ -22,9 +23,10 @@ class ValueBands(NamedTuple):
     Attributes
     ----------
     levels : (K,) float64
-        Never descending float32 numbers in (`LOWEST`, `HIGHEST`): control points and isosurfaces. A value equal
+        Never descending float32 numbers in [`LOWEST`, `HIGHEST`]: control points and isosurfaces. A value equal
         to a level belongs to the band above; the last control point is one float32 number higher than it is
-        (`CLOSING` at least), so that its own value belongs to the band below (`TransferFunction.evaluate`).
+        (`CLOSING` at least), so that its own value belongs to the band below (`TransferFunction.evaluate`). Levels
+        that are one float32 number, but have extinction between them, are moved apart, down by one such number each.
     ends : (K + 1, 2) float64
         Lower and upper end of every band; the outer ones end at `LOWEST` and `HIGHEST`.
     optics : (K + 1, 2, 4) float64
@@ -47,25 +49,28 @@ class ValueBands(NamedTuple):
         last = points[-1] if points else None
         below, above = origin + LOWEST / inverse_width, origin + HIGHEST / inverse_width
         values = [value for value in sorted({*points, *surfaces}) if below < value < above]
-        numbers: list[float] = []
+        numbers: list[np.float32] = []
         data_values: list[float] = []
         impulses: list[tuple[float, ...]] = []
         for value in values:
             number = np.float32((value - origin) * inverse_width)
             if value in surfaces:
                 impulses.append((*surfaces[value].color, surfaces[value].opacity))
-                numbers.append(float(number))
+                numbers.append(number)
                 data_values.append(value)
             if value == last or value not in surfaces:
                 impulses.append((0.0, 0.0, 0.0, 0.0))
-                numbers.append(_closing(number) if value == last else float(number))
+                numbers.append(_closing(number) if value == last else number)
                 data_values.append(value)
         edges = np.array([below, *data_values, above])
-        ends = np.array([LOWEST, *numbers, HIGHEST])
+        optics = _optics(transfer_function, edges)
+        levels = _levels(np.array(numbers, dtype=np.float32), optics)
+        ends = np.array([LOWEST, *levels, HIGHEST])
+        _keep_integrals(optics, np.diff(edges) * inverse_width, np.diff(ends))
         return cls(
-            levels=ends[1:-1],
+            levels=levels,
             ends=np.stack([ends[:-1], ends[1:]], axis=-1),
-            optics=_optics(transfer_function, edges, np.diff(ends), inverse_width),
+            optics=optics,
             impulses=np.array(impulses).reshape(-1, 4),
         )
 
@@ -95,24 +100,43 @@ class ValueBands(NamedTuple):
         return optics
 
 
-def _closing(number: np.float32) -> float:
+def _closing(number: np.float32) -> np.float32:
     """The next float32 number, not a subnormal one."""
-    return float(number + max(np.spacing(abs(number)), np.float32(CLOSING)))
+    return np.float32(number + max(np.spacing(abs(number)), np.float32(CLOSING)))
 
 
-def _optics(transfer_function: TransferFunction, edges: F64, widths: F64, inverse_width: float) -> F64:
+def _levels(numbers: F32, optics: F64) -> F64:
+    """Levels from rounded values: never descending, and apart where there is extinction between two.
+
+    Levels move down, so that values equal to a control point stay above it.
+    """
+    levels = np.maximum.accumulate(
+        numbers
+    )  # the last control point is raised, past an isosurface close to it
+    visible = optics[1:-1, :, 3].max(axis=1, initial=0.0) > 0.0
+    for i in range(len(visible) - 1, -1, -1):
+        highest = np.nextafter(levels[i + 1], np.float32(-np.inf)) if visible[i] else levels[i + 1]
+        levels[i] = min(levels[i], highest)
+    # No value of a volume is as far out as these two, past which levels close to them may have moved.
+    return np.clip(levels, LOWEST, HIGHEST).astype(np.float64)
+
+
+def _optics(transfer_function: TransferFunction, edges: F64) -> F64:
     """(K + 1, 2, 4) optics at the ends of the bands; one between two levels of one value has the limit from below."""
     color_low, extinction_low = transfer_function.evaluate(edges[:-1], side="right")
     color_high, extinction_high = transfer_function.evaluate(edges[1:], side="left")
     closing = edges[:-1] == edges[1:]
     color_low[closing], extinction_low[closing] = color_high[closing], extinction_high[closing]
-    optics = np.stack(
+    return np.stack(
         [
             np.concatenate([color_low, extinction_low[:, None]], axis=-1),
             np.concatenate([color_high, extinction_high[:, None]], axis=-1),
         ],
         axis=1,
     )
-    kept = (widths > 0.0) & ~closing
-    optics[kept, :, 3] *= (np.diff(edges)[kept] * inverse_width / widths[kept])[:, None]
-    return optics
+
+
+def _keep_integrals(optics: F64, exact_widths: F64, widths: F64) -> None:
+    """Scale the extinction of every band by what rounding did to its width."""
+    kept = (widths > 0.0) & (exact_widths > 0.0)
+    optics[kept, :, 3] *= (exact_widths[kept] / widths[kept])[:, None]

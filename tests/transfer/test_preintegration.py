@@ -145,6 +145,20 @@ def test_integrals_over_the_value_are_those_of_every_cell() -> None:
     np.testing.assert_allclose(found[0] + found[1], before, rtol=2.0**-48, atol=1e-12)
 
 
+@pytest.mark.parametrize("width", [0.02, 1e-9])
+def test_a_tent_is_in_integrals_and_tables_however_narrow(width: float) -> None:
+    area = 0.75
+    tent = [(0.9, 0.0), (0.9 + width / 2, 2.0 * area / width), (0.9 + width, 0.0)]
+    points = [ControlPoint(value, (1.0, 0.0, 0.0), extinction) for value, extinction in (*tent, (1.5, 0.0))]
+    bands = ValueBands.of(TransferFunction(points), 0.0, 1.0)
+    cells = 40
+    found = value_integrals(bands, cells).astype(np.float64)
+    # storage rounds by 2^-24, and the area is known as well as a width of 1e-9 in float64 at 0.9: 2^-53 / 1e-9 = 1.1e-7
+    assert found[0, -1, 3] + found[2, -1, 3] / cells == pytest.approx(area, rel=1e-6)
+    table = length_table(bands, 5, 2.0)
+    assert table[4, 0, 3] == pytest.approx(-np.expm1(-2.0 * area), rel=1e-6)
+
+
 def test_integrals_over_no_cell_are_refused() -> None:
     with pytest.raises(InputError, match="0 cells; expected at least 1"):
         value_integrals(ValueBands.of(SCENE, 0.0, 1.0), 0)

@@ -61,6 +61,74 @@ def test_a_last_point_at_zero_is_raised_by_more_than_a_subnormal_number() -> Non
     assert bands(transfer_function).levels[-1] == 2.0**-24
 
 
+def points_of(*points: tuple[float, float]) -> list[ControlPoint]:
+    """Red control points from (value, extinction)."""
+    return [ControlPoint(value, RED, extinction) for value, extinction in points]
+
+
+def integral(found: ValueBands) -> float:
+    """Integral of the extinction over the normalised value."""
+    return float((np.diff(found.ends, axis=1)[:, 0] * found.optics[:, :, 3].mean(axis=1)).sum())
+
+
+@pytest.mark.parametrize("centre", [0.1, 0.5, 0.9, 1.0 - 2.0**-24])
+@pytest.mark.parametrize("width", [1e-4, 1e-8, 1e-12])
+def test_a_peak_keeps_its_integral_however_narrow(centre: float, width: float) -> None:
+    peak = [(centre - width / 2, 0.0), (centre, 3.0 / width), (centre + width / 2, 0.0)]
+    found = ValueBands.of(TransferFunction(points_of((0, 0), *peak, (2.0, 0))), 0.0, 1.0)
+    # a triangle; the places of its corners are rounded by 2^-53 each, twice that of its width
+    assert integral(found) == pytest.approx(1.5, rel=2.0**-51 / width)
+    assert (np.diff(found.levels) > 0.0).all()
+    # one step of float32 for each of the two bands, and half a step of rounding
+    assert np.abs(found.levels[1:4] - centre).max() <= width / 2 + 2.5 * 2.0**-24
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1e-7, 1e-9, 1e-12]), st.floats(0.0, 50.0)),
+        min_size=2,
+        max_size=10,
+    ),
+    st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.0, 1e-9])), max_size=3, unique=True),
+)
+def test_levels_never_descend_and_bands_keep_the_integral(
+    entries: list[tuple[int, float, float]], surfaces: list[tuple[int, float]]
+) -> None:
+    points = sorted((number / 12 + more, extinction) for number, more, extinction in entries)
+    values = [value for value, _ in points]
+    if any(values.count(value) > 2 for value in values):
+        return  # a third point at one value
+    transfer_function = TransferFunction(
+        points_of(*points), [Isosurface(number / 12 + more, BLUE, 0.5) for number, more in surfaces]
+    )
+    found = ValueBands.of(transfer_function, 0.0, 1.0)
+    assert (np.diff([LOWEST, *found.levels, HIGHEST]) >= 0.0).all()
+    np.testing.assert_array_equal(found.ends[1:, 0], found.ends[:-1, 1])
+    np.testing.assert_array_equal(found.levels, found.levels.astype(np.float32))
+    exact = sum(
+        0.5 * (slope.high.value - slope.low.value) * (slope.low.extinction + slope.high.extinction)
+        for slope in transfer_function.slopes()
+    )
+    # An isosurface at the last point has a band of its own, one float32 number wide, with what is met there.
+    closing = 2.0**-23 * 50.0 if any(s.value == values[-1] for s in transfer_function.isosurfaces) else 0.0
+    assert integral(found) == pytest.approx(exact, rel=1e-12, abs=1e-13 + closing)
+
+
+def test_an_isosurface_just_above_the_last_point_stays_above_it() -> None:
+    surface = Isosurface(0.5 + 1e-9, BLUE, 0.5)
+    found = ValueBands.of(TransferFunction(points_of((0.0, 1.0), (0.5, 1.0)), [surface]), 0.0, 1.0)
+    assert found.levels.tolist() == [0.0, 0.5 + 2.0**-24, 0.5 + 2.0**-24]
+    assert found.impulses[:, 3].tolist() == [0.0, 0.0, 0.5]
+    assert found.evaluate(0.5)[3] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_upper_side_of_a_step_drawn_as_a_steep_slope_begins_at_its_value() -> None:
+    steep = TransferFunction(points_of((0.0, 0.0), (0.3 - 1e-12, 0.0), (0.3, 5.0), (1.0, 5.0)))
+    found = ValueBands.of(steep, 0.0, 1.0)
+    assert found.evaluate(np.float32(0.3))[3] == pytest.approx(5.0)
+    assert found.evaluate(np.float32(0.3) - np.float32(2.0**-23))[3] == 0.0
+
+
 def test_points_far_outside_keep_the_slope_inside() -> None:
     wide = TransferFunction([ControlPoint(-1e30, RED, 0.0), ControlPoint(1e30, BLUE, 2.0)])
     found = bands(wide)
