@@ -6,7 +6,6 @@ import abc
 import contextlib
 import hashlib
 import mmap
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -152,32 +151,6 @@ class Window(LazySamples):
                 )
             shifted.append(slice(part.start - first, part.stop - first))
         return self.held[tuple(shifted)]
-
-
-class LockedSamples(LazySamples):
-    """Samples behind a library that must be asked by one thread at a time.
-
-    Parameters
-    ----------
-    source : object
-        Slices like a numpy array of at least three axes.
-    before, after : tuples of int
-        Indices along the axes before and behind the three of the volume.
-    **about
-        As for `LazySamples`.
-    """
-
-    def __init__(self, source: Any, before: tuple[int, ...], after: tuple[int, ...], **about: Any) -> None:
-        super().__init__(**about)
-        self._source = source
-        self._before, self._after = before, after
-        self._lock = threading.Lock()
-
-    def read(self, block: Block) -> SampleArray:
-        """Read a block under the lock."""
-        with self._lock:
-            samples = self._source[(*self._before, *block, *self._after)]
-        return np.ascontiguousarray(samples, dtype=self.dtype)
 
 
 def lazily(samples: SampleArray | LazySamples) -> SampleArray | LazySamples:

@@ -2,23 +2,65 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
-from isosample.volume.lazy import LockedSamples, files_identity
+from isosample.volume.lazy import LazySamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
-from isosample.volume.readers.samples import number_type
+from isosample.volume.readers.samples import number_type, unreadable_chunk
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from isosample.volume.grid import SampleArray
+    from isosample.volume.lazy import Block
     from isosample.volume.readers.samples import ReadOptions
 
 SPACING = "element_size_um"  # of ilastik, Fiji and others: z, y, x
+
+
+class Hdf5Samples(LazySamples):
+    """Three axes of a dataset; the library must be asked by one thread at a time.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+        Of at least three axes.
+    before, after : tuples of int
+        Indices along the axes before and behind the three of the volume.
+    name : str
+        The file, for messages.
+    **about
+        As for `LazySamples`.
+    """
+
+    def __init__(
+        self, dataset: Any, before: tuple[int, ...], after: tuple[int, ...], *, name: str, **about: Any
+    ) -> None:
+        super().__init__(**about)
+        self._dataset, self._name = dataset, name
+        self._before, self._after = before, after
+        self._lock = threading.Lock()
+
+    def read(self, block: Block) -> SampleArray:
+        """Read a block under the lock.
+
+        Raises
+        ------
+        InputError
+            If the library cannot read it.
+        """
+        try:
+            with self._lock:
+                samples = self._dataset[(*self._before, *block, *self._after)]
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            raise unreadable_chunk(self._name, error) from error
+        return np.ascontiguousarray(samples, dtype=self.dtype)
 
 
 def read_hdf5(path: Path, options: ReadOptions) -> Volume:
@@ -29,14 +71,16 @@ def read_hdf5(path: Path, options: ReadOptions) -> Volume:
     path : Path
     options : ReadOptions
         `dataset` names it; it may be left out where only one has three axes or more. `channel` and `time` choose
-        where there are more than three axes. The attribute `element_size_um` (z, y, x) gives the spacing.
+        where there are more than three axes. The attribute `element_size_um` (z, y, x) gives the spacing, where
+        `spacing` does not.
 
     Raises
     ------
     MissingDependencyError
         If h5py is not installed.
     InputError
-        If the file is damaged, or does not hold one array of numbers with three axes to choose.
+        If the file is damaged, does not hold one array of numbers with three axes to choose, or its
+        `element_size_um` is no spacing.
     """
     try:
         import h5py
@@ -52,7 +96,7 @@ def read_hdf5(path: Path, options: ReadOptions) -> Volume:
     dataset = _dataset(path.name, file, options.dataset, h5py)
     before, after = choose_axes(path.name, dataset.shape, None, options)
     space = slice(len(before), len(before) + 3)
-    samples = LockedSamples(
+    samples = Hdf5Samples(
         dataset,
         before,
         after,
@@ -60,8 +104,9 @@ def read_hdf5(path: Path, options: ReadOptions) -> Volume:
         dtype=number_type(dataset.dtype),
         chunks=tuple(dataset.chunks[space]) if dataset.chunks else None,
         identity=files_identity([path], dataset.name, before, after),
+        name=path.name,
     )
-    spacing = _spacing(dataset)
+    spacing = _spacing(path.name, dataset) if options.spacing is None else (1.0, 1.0, 1.0)
     return Volume(cast("SampleArray", samples), spacing=spacing, name=path.name)
 
 
@@ -92,10 +137,18 @@ def _dataset(name: str, file: Any, chosen: str | None, h5py: Any) -> Any:
     )
 
 
-def _spacing(dataset: Any) -> tuple[float, float, float]:
-    """Spacing along x, y, z from the attributes, or 1."""
-    stated = np.atleast_1d(np.asarray(dataset.attrs.get(SPACING, (1.0, 1.0, 1.0)), dtype=np.float64))
-    if stated.shape != (3,) or not (np.isfinite(stated) & (stated > 0)).all():
+def _spacing(name: str, dataset: Any) -> tuple[float, float, float]:
+    """Spacing along x, y, z from the attributes; 1 where they say nothing."""
+    if SPACING not in dataset.attrs:
         return (1.0, 1.0, 1.0)
-    z, y, x = stated.tolist()
-    return (x, y, z)
+    stated = dataset.attrs[SPACING]
+    try:
+        z, y, x = np.asarray(stated, dtype=np.float64).tolist()
+        if min(z, y, x) > 0 and math.isfinite(z + y + x):
+            return (x, y, z)
+    except (TypeError, ValueError):  # no numbers, or not three
+        pass
+    raise InputError(
+        f"{name}: {dataset.name} has {SPACING} {stated!r:.80}; expected three numbers above 0 (z, y, x). Give "
+        "--spacing X,Y,Z."
+    )

@@ -87,6 +87,7 @@ def open_volume(
         channel=channel,
         time=time,
         dataset=dataset,
+        spacing=spacing,
     )
     try:
         volume = _read(path, options)

@@ -40,6 +40,8 @@ class ReadOptions:
         The component and the time step to read from a file that has several.
     dataset : str or None
         The array to read from a file or folder that has several.
+    spacing : 3 floats or None
+        Replaces what the file says (`open_volume` sees to it): a reader that cannot understand the file's need not.
     """
 
     shape: Triple | None = None
@@ -47,6 +49,7 @@ class ReadOptions:
     channel: int | None = None
     time: int | None = None
     dataset: str | None = None
+    spacing: Sequence[float] | None = None
 
 
 def parse_shape(shape: Sequence[int]) -> Triple:
@@ -190,6 +193,14 @@ def wrong_length(
     """Return the error for a file whose length does not fit its shape, with the arithmetic spelled out."""
     cure = "Check --shape and --dtype." if offset == 0 else "The file is incomplete; fetch it again."
     return InputError(f"{name} has {actual} bytes; {_arithmetic(dtype, size_xyz, offset)}. {cure}")
+
+
+def unreadable_chunk(name: str, error: Exception) -> InputError:
+    """Return the error for samples of a file that a library could not read."""
+    reason = " ".join(str(error).split())
+    return InputError(
+        f"a chunk of {name} cannot be read ({reason}). It may be damaged or missing; fetch it again."
+    )
 
 
 def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> str:

@@ -73,7 +73,8 @@ def read_tiff(path: Path, options: ReadOptions) -> Volume:
         complaints.refuse_damage()
         array = _mapped(path, tiff, series) if series.dataoffset is not None else series.asarray()
         samples = _slices_of_one_channel(path.name, series.axes, array, options)
-        spacing, direction = positive_steps(_spacing(path.name, tiff), np.eye(3))
+        stated = np.ones(3) if options.spacing is not None else _spacing(path.name, tiff)
+        spacing, direction = positive_steps(stated, np.eye(3))
     return Volume(native(samples), spacing=spacing, direction=direction, name=path.name)
 
 

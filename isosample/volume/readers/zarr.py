@@ -10,7 +10,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
-from isosample.volume.readers.samples import number_type
+from isosample.volume.readers.samples import number_type, unreadable_chunk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,7 @@ class ZarrSamples(LazySamples):
         try:
             samples = self._array[(*self._before, *block, *self._after)]
         except (OSError, ValueError, RuntimeError) as error:
-            raise InputError(f"a chunk of {self._array.store_path} cannot be read ({error}).") from error
+            raise unreadable_chunk(str(self._array.store_path), error) from error
         return np.ascontiguousarray(samples, dtype=self.dtype)
 
 

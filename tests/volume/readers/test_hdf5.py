@@ -75,6 +75,38 @@ def test_the_element_size_gives_the_spacing(tmp_path: Path) -> None:
     assert open_volume(path, spacing=(4, 5, 6)).spacing == (4, 5, 6)
 
 
+@pytest.mark.parametrize(
+    "stated",
+    [[3.0, 2.0], [0.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, np.nan, 1.0], 2.0, "0.5 0.2 0.2", ["a", "b", "c"]],
+)
+def test_an_element_size_that_is_no_spacing_is_refused_unless_one_is_given(
+    tmp_path: Path, stated: Any
+) -> None:
+    path = write(tmp_path / "a.h5", samples=SAMPLES)
+    with h5py.File(path, "a") as file:
+        file["samples"].attrs["element_size_um"] = stated
+    with pytest.raises(
+        InputError, match=r"a\.h5: /samples has element_size_um .*three numbers.*--spacing X,Y,Z"
+    ):
+        open_volume(path)
+    assert open_volume(path, spacing=(4, 5, 6)).spacing == (4, 5, 6)
+
+
+def test_a_damaged_chunk_is_an_error_when_it_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.h5", samples=SAMPLES)
+    with h5py.File(path) as file:
+        chunk = file["samples"].id.get_chunk_info(0)
+    content = bytearray(path.read_bytes())
+    content[chunk.byte_offset : chunk.byte_offset + 40] = bytes(40)
+    path.write_bytes(content)
+    volume = open_volume(path)
+    with pytest.raises(
+        InputError, match=r"a chunk of a\.h5 cannot be read \(.*\)\. .*fetch it again"
+    ) as caught:
+        np.asarray(volume.array)
+    assert "\n" not in str(caught.value)
+
+
 def test_threads_may_read_at_once(tmp_path: Path) -> None:
     volume = open_volume(write(tmp_path / "a.h5", samples=SAMPLES))
     with ThreadPoolExecutor(8) as pool:

@@ -55,6 +55,7 @@ def test_ome_spacing_is_brought_to_one_unit(tmp_path: Path) -> None:
     path = written(tmp_path, name="a.ome.tif", metadata=metadata | {"PhysicalSizeZUnit": "parsec"})
     with pytest.raises(InputError, match=r"'parsec' is unknown. Give --spacing"):
         open_volume(path)
+    assert open_volume(path, spacing=(1, 2, 3)).spacing == (1, 2, 3)
 
 
 def test_plain_resolution_tags_give_only_the_ratio_of_y_to_x(tmp_path: Path) -> None:
