@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import re
 import struct
 import zlib
@@ -200,7 +201,9 @@ def nifti_header(path: Path) -> NiftiHeader:
         raise InputError(f"{path.name} is no NIfTI file: its header is damaged. Fetch it again.")
     if not 1 <= dim[0] <= 7 or min(dim[1 : dim[0] + 1]) < 1:
         raise InputError(f"{path.name} has a damaged NIfTI header (dim {list(dim)}). Fetch it again.")
-    if not np.isfinite([offset, slope, intercept]).all():
+    if not math.isfinite(offset) or offset < 0:
+        raise InputError(f"{path.name} has a damaged NIfTI header (vox_offset {offset:g}). Fetch it again.")
+    if not np.isfinite([slope, intercept]).all():
         slope, intercept = 0.0, 0.0  # the reference library, too, takes a slope that is no number as none
     sizes = tuple(int(n) for n in dim[1 : dim[0] + 1])
     return NiftiHeader(sizes, code, bits, int(offset), slope, intercept, order, single)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import mmap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
 from isosample.errors import InputError
 from isosample.volume.grid import Volume
-from isosample.volume.readers.samples import ReadOptions, choose, native, positive_steps
+from isosample.volume.readers.samples import ReadOptions, Triple, choose, native, positive_steps
 from isosample.volume.readers.vti_values import VtiFile, values_of
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
+LARGEST_INDEX = 2**31 - 1  # VTK's extents are numbers of 32 bits
 
 
 def read_vti(path: Path, options: ReadOptions) -> Volume:
@@ -55,16 +57,13 @@ def read_vti(path: Path, options: ReadOptions) -> Volume:
         raise InputError(
             f"{path.name} holds {file.root.get('type')!r}, not ImageData. Save it as a VTK image."
         )
-    whole = _numbers(file.name, image, "WholeExtent", "", 6).astype(np.int64).reshape(3, 2)
-    size = whole[:, 1] - whole[:, 0] + 1
-    if size.min() < 1:
-        raise InputError(f"{path.name} has the empty extent {image.get('WholeExtent')!r}.")
+    whole = _extent(file.name, image, "WholeExtent", "")
     spacing, direction = positive_steps(
         _numbers(file.name, image, "Spacing", "1 1 1", 3),
         _numbers(file.name, image, "Direction", "1 0 0 0 1 0 0 0 1", 9).reshape(3, 3),
     )
     origin = _numbers(file.name, image, "Origin", "0 0 0", 3)
-    first = origin + direction @ (np.array(spacing) * whole[:, 0])
+    first = origin + direction @ (np.array(spacing) * whole.first)
     choose(path.name, "time", 1, options.time)
     samples = _assembled(file, image.findall("Piece"), whole, options)
     return Volume(samples, spacing=spacing, origin=tuple(first.tolist()), direction=direction, name=path.name)
@@ -103,22 +102,56 @@ def _numbers(name: str, element: Element, key: str, default: str, count: int) ->
     return numbers
 
 
-def _assembled(file: VtiFile, pieces: list[Element], whole: np.ndarray, options: ReadOptions) -> SampleArray:
+class _Extent(NamedTuple):
+    """A box of samples."""
+
+    text: str
+    first: Triple  # (x, y, z)
+    size: Triple
+
+    def within(self, whole: _Extent) -> tuple[slice, slice, slice] | None:
+        """Its place [z, y, x] in a whole, or None where it reaches outside."""
+        starts = [own - other for own, other in zip(self.first, whole.first, strict=True)]
+        ends = [start + count for start, count in zip(starts, self.size, strict=True)]
+        if min(starts) < 0 or any(end > count for end, count in zip(ends, whole.size, strict=True)):
+            return None
+        x, y, z = (slice(start, end) for start, end in zip(starts, ends, strict=True))
+        return z, y, x
+
+
+def _extent(name: str, element: Element, key: str, default: str) -> _Extent:
+    """Extent of an attribute, or raise where it is none."""
+    text = element.get(key, default)
+    numbers = _numbers(name, element, key, default, 6)
+    if not (np.abs(numbers) <= LARGEST_INDEX).all() or (numbers != np.floor(numbers)).any():
+        raise InputError(f"{name}: {key} {text!r} must be whole numbers of 32 bits.")
+    x0, x1, y0, y1, z0, z1 = (int(number) for number in numbers)
+    size = (x1 - x0 + 1, y1 - y0 + 1, z1 - z0 + 1)
+    if min(size) < 1:
+        raise InputError(f"{name}: {key} {text!r} is empty; every last index must be >= the first.")
+    return _Extent(text, (x0, y0, z0), size)
+
+
+def _assembled(file: VtiFile, pieces: list[Element], whole: _Extent, options: ReadOptions) -> SampleArray:
     """Put all pieces into one array; return the array of the piece itself where there is only one."""
     parts = []
     for piece in pieces:
-        default = " ".join(str(n) for n in whole.ravel())
-        extent = _numbers(file.name, piece, "Extent", default, 6).astype(np.int64).reshape(3, 2)
-        size = extent[:, 1] - extent[:, 0] + 1
-        parts.append((extent[:, 0] - whole[:, 0], size, _piece_samples(file, piece, size, options)))
-    whole_size = whole[:, 1] - whole[:, 0] + 1
-    if len(parts) == 1 and (parts[0][1] == whole_size).all():
-        return native(parts[0][2])
-    covered = np.zeros(whole_size[::-1], dtype=bool)
-    dtype = parts[0][2].dtype if parts else np.dtype(np.uint8)
-    samples = np.zeros(covered.shape, dtype=dtype)
-    for (x, y, z), (nx, ny, nz), part in parts:
-        place = (slice(z, z + nz), slice(y, y + ny), slice(x, x + nx))
+        extent = _extent(file.name, piece, "Extent", whole.text)
+        place = extent.within(whole)
+        if place is None:
+            raise InputError(
+                f"{file.name}: its piece {extent.text!r} reaches outside the whole extent {whole.text!r}. It may be "
+                "damaged; fetch it again."
+            )
+        parts.append((place, _piece_samples(file, piece, extent.size, options)))
+    if len(parts) == 1 and parts[0][1].shape == whole.size[::-1]:
+        return native(parts[0][1])
+    count, held = math.prod(whole.size), sum(part.size for _, part in parts)
+    if held < count:  # before memory is asked for
+        raise InputError(f"{file.name}: its pieces leave {count - held} of {count} samples out.")
+    covered = np.zeros(whole.size[::-1], dtype=bool)
+    samples = np.zeros(covered.shape, dtype=parts[0][1].dtype)
+    for place, part in parts:
         samples[place], covered[place] = part, True
     if not covered.all():
         missing = int(covered.size - np.count_nonzero(covered))
@@ -126,17 +159,17 @@ def _assembled(file: VtiFile, pieces: list[Element], whole: np.ndarray, options:
     return native(samples)
 
 
-def _piece_samples(file: VtiFile, piece: Element, size: np.ndarray, options: ReadOptions) -> SampleArray:
+def _piece_samples(file: VtiFile, piece: Element, size: Triple, options: ReadOptions) -> SampleArray:
     """(Z, Y, X) samples of one piece, of the active array and the chosen component."""
     array = _active_array(file.name, piece)
     code = TYPES.get(array.get("type", ""))
     if code is None:
         raise InputError(f"{file.name}: samples of type {array.get('type')!r} are not supported.")
     dtype = np.dtype(file.order + code)
-    components = int(array.get("NumberOfComponents", "1"))
+    components = _component_count(file.name, array)
     channel = choose(file.name, "channel", components, options.channel)
     values = values_of(file, array, dtype)
-    expected = int(size.prod()) * components
+    expected = math.prod(size) * components
     if values.size != expected:
         x, y, z = size
         raise InputError(
@@ -145,6 +178,18 @@ def _piece_samples(file: VtiFile, piece: Element, size: np.ndarray, options: Rea
         )
     shaped = values.reshape(*size[::-1], components)
     return shaped[..., channel]
+
+
+def _component_count(name: str, array: Element) -> int:
+    """Number of components of an array, or raise."""
+    text = array.get("NumberOfComponents", "1")
+    try:
+        count = int(text)
+    except ValueError:
+        count = 0
+    if count < 1:
+        raise InputError(f"{name}: NumberOfComponents {text!r} must be a whole number >= 1.")
+    return count
 
 
 def _active_array(name: str, piece: Element) -> Element:

@@ -207,6 +207,16 @@ def test_a_damaged_nifti_header_is_refused(tmp_path: Path) -> None:
         open_volume(path)
 
 
+@pytest.mark.parametrize("offset", [np.nan, np.inf, -np.inf, -352.0])
+def test_a_nifti_whose_samples_begin_nowhere_is_refused(tmp_path: Path, offset: float) -> None:
+    path = written(tmp_path / "a.nii", samples_of("u1"))
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<f", content, 108, offset)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=rf"a\.nii has a damaged NIfTI header \(vox_offset {offset:g}\)"):
+        open_volume(path)
+
+
 @pytest.mark.parametrize("name", ["a.nrrd", "a.nii.gz"])
 def test_a_flipped_bit_in_compressed_samples_is_refused(tmp_path: Path, name: str) -> None:
     path = written(tmp_path / name, samples_of("i2"), compressed=True)
