@@ -9,7 +9,7 @@ import numpy as np
 from isosample.errors import InputError
 from isosample.volume.grid import Volume
 from isosample.volume.readers.itk import itk_failures, read_through_itk, simpleitk
-from isosample.volume.readers.samples import ReadOptions, choose
+from isosample.volume.readers.samples import ReadOptions, choose, library_failures
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,9 +74,12 @@ def _read_series(sitk: Any, name: str, files: tuple[str, ...], options: ReadOpti
     reader.MetaDataDictionaryArrayUpdateOn()
     with itk_failures(name, "DICOM"):
         image = reader.Execute()
-    _check_steps(name, _slice_positions(reader, len(files)))
+    with library_failures(f"{name} could not be read as DICOM"):
+        positions = _slice_positions(reader, len(files))
+        uneven = _is_rescaled_unevenly(reader, len(files))
+    _check_steps(name, positions)
     array: SampleArray = sitk.GetArrayFromImage(image)
-    if array.dtype.kind in "iu" and _is_rescaled_unevenly(reader, len(files)):
+    if array.dtype.kind in "iu" and uneven:
         reader.SetOutputPixelType(sitk.sitkFloat64)  # the first slice's integers would truncate the others
         with itk_failures(name, "DICOM"):
             array = sitk.GetArrayFromImage(reader.Execute())
@@ -117,6 +120,10 @@ def _slice_positions(reader: Any, count: int) -> F64 | None:
             return None
         row, column = np.array(reader.GetMetaData(i, COSINES).split("\\"), dtype=np.float64).reshape(2, 3)
         position = np.array(reader.GetMetaData(i, POSITION).split("\\"), dtype=np.float64)
+        if not np.isfinite([row, column, position]).all():
+            raise ValueError(
+                f"slice {i} is at {position.tolist()}, along {row.tolist()} and {column.tolist()}"
+            )
         positions[i] = np.stack([row, column, np.cross(row, column)]) @ position
     return positions
 

@@ -12,7 +12,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
-from isosample.volume.readers.samples import number_type, unreadable_chunk
+from isosample.volume.readers.samples import library_failures, number_type
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,11 +55,8 @@ class Hdf5Samples(LazySamples):
         InputError
             If the library cannot read it.
         """
-        try:
-            with self._lock:
-                samples = self._dataset[(*self._before, *block, *self._after)]
-        except (OSError, ValueError, RuntimeError, KeyError) as error:
-            raise unreadable_chunk(self._name, error) from error
+        with self._lock, library_failures(f"a chunk of {self._name} cannot be read"):
+            samples = self._dataset[(*self._before, *block, *self._after)]
         return np.ascontiguousarray(samples, dtype=self.dtype)
 
 
@@ -88,11 +85,13 @@ def read_hdf5(path: Path, options: ReadOptions) -> Volume:
         raise MissingDependencyError(
             'reading HDF5 needs h5py, which is not installed: pip install "isosample[hdf5]".'
         ) from error
-    try:
-        file = h5py.File(path, "r")
-    except OSError as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path.name} is no readable HDF5 file ({reason}). It may be incomplete.") from error
+    with library_failures(f"{path.name} is no readable HDF5 file"):
+        return _volume(path, h5py, options)
+
+
+def _volume(path: Path, h5py: Any, options: ReadOptions) -> Volume:
+    """Open the dataset that the options choose."""
+    file = h5py.File(path, "r")
     dataset = _dataset(path.name, file, options.dataset, h5py)
     before, after = choose_axes(path.name, dataset.shape, None, options)
     space = slice(len(before), len(before) + 3)

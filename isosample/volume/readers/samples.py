@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import io
 import math
@@ -12,16 +13,26 @@ from typing import IO, TYPE_CHECKING, BinaryIO, cast
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import InputError
+from isosample.errors import InputError, IsosampleError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from isosample.volume.grid import F64, SampleArray
 
 DEFLATE_RATIO = 1032  # the most that deflate can shrink: 258 bytes in 2 bits (zlib's technical notes)
 INFLATE_BYTES = 1 << 20  # read this many bytes at a time from a compressed stream
+LIBRARY_FAILURES = (  # what h5py, zarr and SimpleITK's text entries let through, found by damaging files
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    OSError,
+    RuntimeError,
+    SystemError,
+    TypeError,
+    ValueError,
+)
 
 Triple = tuple[int, int, int]
 
@@ -195,12 +206,16 @@ def wrong_length(
     return InputError(f"{name} has {actual} bytes; {_arithmetic(dtype, size_xyz, offset)}. {cure}")
 
 
-def unreadable_chunk(name: str, error: Exception) -> InputError:
-    """Return the error for samples of a file that a library could not read."""
-    reason = " ".join(str(error).split())
-    return InputError(
-        f"a chunk of {name} cannot be read ({reason}). It may be damaged or missing; fetch it again."
-    )
+@contextlib.contextmanager
+def library_failures(claim: str) -> Iterator[None]:
+    """Turn what a format's library lets through on damaged files into one line that begins with a claim."""
+    try:
+        yield
+    except IsosampleError:
+        raise
+    except LIBRARY_FAILURES as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{claim} ({reason}). It may be damaged or incomplete; fetch it again.") from error
 
 
 def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> str:

@@ -10,7 +10,7 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples, files_identity
 from isosample.volume.readers.chosen import choose_axes
-from isosample.volume.readers.samples import number_type, unreadable_chunk
+from isosample.volume.readers.samples import library_failures, number_type
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,10 +39,8 @@ class ZarrSamples(LazySamples):
 
     def read(self, block: Block) -> SampleArray:
         """Read a block; chunks that are not there hold the fill value."""
-        try:
+        with library_failures(f"a chunk of {self._array.store_path} cannot be read"):
             samples = self._array[(*self._before, *block, *self._after)]
-        except (OSError, ValueError, RuntimeError) as error:
-            raise unreadable_chunk(str(self._array.store_path), error) from error
         return np.ascontiguousarray(samples, dtype=self.dtype)
 
 
@@ -69,10 +67,12 @@ def read_zarr(path: Path, options: ReadOptions) -> Volume:
         If the folder cannot be read, or does not hold one array of numbers with three axes to choose.
     """
     zarr = _library()
-    try:
-        opened = zarr.open(path, mode="r")
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
-        raise InputError(f"{path.name} is no readable Zarr folder ({_line(error)}).") from error
+    with library_failures(f"{path.name} is no readable Zarr folder"):
+        return _volume(path, zarr.open(path, mode="r"), options)
+
+
+def _volume(path: Path, opened: Any, options: ReadOptions) -> Volume:
+    """Open the array that the options choose."""
     image = _image(opened)
     name = options.dataset
     if name is None and image is not None:
@@ -146,7 +146,3 @@ def _placement(
                 moved = [float(step["translation"][place]) for place in places]
                 origin = [old + shift for old, shift in zip(origin, moved, strict=True)]
     return (spacing[0], spacing[1], spacing[2]), (origin[0], origin[1], origin[2])
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

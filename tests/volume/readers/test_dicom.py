@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from dicom_files import write_series
 
 from isosample.errors import InputError
 from isosample.volume.readers import open_volume
@@ -13,37 +14,7 @@ from isosample.volume.readers import open_volume
 if TYPE_CHECKING:
     from pathlib import Path
 
-sitk = pytest.importorskip("SimpleITK")
-
-SERIES = "1.2.826.0.1.3680043.2.1125.1"
-
-
-def write_series(
-    folder: Path, *, heights: list[float], uid: str = SERIES, shift: float = 0.0, first: int = 0
-) -> np.ndarray:
-    """Write one slice per height [mm] and return the samples (Z, Y, X)."""
-    folder.mkdir(exist_ok=True)
-    samples = np.random.default_rng(9).integers(0, 1000, (len(heights), 6, 5)).astype(np.int16)
-    writer = sitk.ImageFileWriter()
-    writer.KeepOriginalImageUIDOn()
-    for k, height in enumerate(heights):
-        image = sitk.GetImageFromArray(samples[k])
-        image.SetSpacing((0.5, 0.75))
-        entries = {
-            "0008|0016": "1.2.840.10008.5.1.4.1.1.2",
-            "0008|0018": f"{uid}.{k + 1}",
-            "0008|0060": "CT",
-            "0008|103e": "phantom",
-            "0020|000e": uid,
-            "0020|0013": str(k + 1),
-            "0020|0032": f"{1 + shift * k}\\2\\{height}",
-            "0020|0037": "1\\0\\0\\0\\1\\0",
-        }
-        for key, value in entries.items():
-            image.SetMetaData(key, value)
-        writer.SetFileName(str(folder / f"{first + (7 * k) % 10:03d}.dcm"))  # names out of order
-        writer.Execute(image)
-    return samples
+pytest.importorskip("SimpleITK")
 
 
 def test_slices_are_sorted_by_position_and_placed(tmp_path: Path) -> None:
@@ -69,6 +40,16 @@ def test_a_missing_slice_is_reported_not_bridged(tmp_path: Path) -> None:
 def test_a_missing_slice_among_three_is_reported_by_a_distance_that_there_is(tmp_path: Path) -> None:
     write_series(tmp_path, heights=[10.0, 15.0, 17.5])
     with pytest.raises(InputError, match=r"slices 0 and 1 are 5 mm apart, most are 2\.5 mm"):
+        open_volume(tmp_path)
+
+
+@pytest.mark.parametrize("height", ["nan ", "inf ", "high"])
+def test_a_position_that_is_no_number_is_told(tmp_path: Path, height: str) -> None:
+    write_series(tmp_path, heights=[10.0, 12.5, 15.0])
+    for path in tmp_path.iterdir():
+        path.write_bytes(path.read_bytes().replace(b"\\2\\12.5", b"\\2\\" + height.encode()))
+    reason = rf"\(.*{height.strip()}.*\)\. It may be damaged or incomplete"
+    with pytest.raises(InputError, match=rf"{tmp_path.name} could not be read as DICOM {reason}"):
         open_volume(tmp_path)
 
 
