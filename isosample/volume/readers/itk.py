@@ -203,9 +203,12 @@ def _samples(
     channel = choose(path.name, "channel", reader.GetNumberOfComponents(), options.channel)
     is_plain = len(size) == 3 and reader.GetNumberOfComponents() == 1
     if layout is not None and is_plain and reader.GetPixelID() == getattr(sitk, PIXELS[layout.dtype.str[1:]]):
+        cure = "The file is damaged or incomplete; fetch it again."
+        if layout.path != path:
+            cure = f"It does not belong to {path.name}, or is incomplete; fetch both again."
         if layout.is_deflated:
-            return inflate_samples(layout.path, layout.dtype, size, layout.offset, layout.start)
-        return map_samples(layout.path, layout.dtype, size, layout.offset)
+            return inflate_samples(layout.path, layout.dtype, size, layout.offset, layout.start, cure=cure)
+        return map_samples(layout.path, layout.dtype, size, layout.offset, cure=cure)
     if len(size) == 4:
         reader.SetExtractIndex([0, 0, 0, time])
         reader.SetExtractSize([*size[:3], 1])

@@ -11,6 +11,7 @@ from isosample.volume.grid import Volume
 from isosample.volume.readers.layouts import is_gzip
 from isosample.volume.readers.samples import (
     ReadOptions,
+    Triple,
     choose,
     inflate_samples,
     map_samples,
@@ -19,6 +20,8 @@ from isosample.volume.readers.samples import (
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from isosample.volume.grid import SampleArray
 
 Number = TypeVar("Number", int, float)
 
@@ -72,8 +75,14 @@ def read_raw(path: Path, options: ReadOptions) -> Volume:
         )
     choose(path.name, "channel", 1, options.channel)
     choose(path.name, "time", 1, options.time)
+    samples = _bare_samples(path, options.dtype, options.shape, "Check --shape and --dtype.")
+    return Volume(samples, name=path.name)
+
+
+def _bare_samples(path: Path, dtype: np.dtype[np.generic], shape: Triple, cure: str) -> SampleArray:
+    """Samples of a headerless file, inflated where it is gzipped."""
     load = inflate_samples if is_gzip(path) else map_samples
-    return Volume(load(path, options.dtype, options.shape), name=path.name)
+    return load(path, dtype, shape, cure=cure)
 
 
 def read_dat(path: Path, options: ReadOptions) -> Volume:
@@ -95,11 +104,11 @@ def read_dat(path: Path, options: ReadOptions) -> Volume:
     shape = parse_shape(_numbers(path, "Resolution", _required(path, entries, ("resolution",)), int))
     stated = entries.get("slicethickness", entries.get("spacing", "1 1 1"))
     x, y, z = _numbers(path, "SliceThickness", stated, float)
-    raw = read_raw(
-        data,
-        ReadOptions(shape=shape, dtype=_dat_dtype(path, entries), channel=options.channel, time=options.time),
-    )
-    return Volume(raw.array, spacing=(x, y, z), name=path.name)
+    choose(path.name, "channel", 1, options.channel)
+    choose(path.name, "time", 1, options.time)
+    cure = f"Check Resolution and Format in {path.name}."
+    samples = _bare_samples(data, _dat_dtype(path, entries), shape, cure)
+    return Volume(samples, spacing=(x, y, z), name=path.name)
 
 
 def _dat_entries(path: Path) -> dict[str, str]:

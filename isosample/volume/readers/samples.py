@@ -137,7 +137,9 @@ def positive_steps(spacing: F64, direction: F64) -> tuple[tuple[float, float, fl
     return (x, y, z), flipped
 
 
-def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0) -> SampleArray:
+def map_samples(
+    path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0, *, cure: str
+) -> SampleArray:
     """Map the samples of an uncompressed file into memory, read-only.
 
     Parameters
@@ -148,6 +150,8 @@ def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offse
     size_xyz : 3 ints
     offset : int
         Bytes before the first sample; the file may be longer than needed only when this is not 0.
+    cure : str
+        What to do where the length does not fit; for messages.
 
     Returns
     -------
@@ -161,13 +165,19 @@ def map_samples(path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offse
     expected = offset + sample_bytes(dtype, size_xyz)
     actual = path.stat().st_size
     if actual < expected or (actual > expected and offset == 0):
-        raise wrong_length(path.name, actual, dtype, size_xyz, offset)
+        raise InputError(f"{path.name} has {actual} bytes; {_arithmetic(dtype, size_xyz, offset)}. {cure}")
     mapped = np.memmap(path, dtype=dtype, mode="r", offset=offset, shape=size_xyz[::-1])
     return native(mapped)
 
 
 def inflate_samples(
-    path: Path, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int = 0, start: int = 0
+    path: Path,
+    dtype: np.dtype[np.generic],
+    size_xyz: Triple,
+    offset: int = 0,
+    start: int = 0,
+    *,
+    cure: str,
 ) -> SampleArray:
     """Read samples from a gzip or zlib stream, to its end, so that its checksum is verified.
 
@@ -178,13 +188,14 @@ def inflate_samples(
     most = path.stat().st_size * DEFLATE_RATIO
     if offset + needed > most:
         raise InputError(
-            f"{path.name} can inflate to {most} bytes at most; "
-            f"{_arithmetic(dtype, size_xyz, offset)}. Check --shape and --dtype."
+            f"{path.name} can inflate to {most} bytes at most; {_arithmetic(dtype, size_xyz, offset)}. {cure}"
         )
     samples = np.empty(needed, dtype=np.uint8)
     actual = _inflate(path, offset, samples.data, start)
     if actual < offset + needed or (actual > offset + needed and offset == 0):
-        raise wrong_length(path.name, actual, dtype, size_xyz, offset)
+        raise InputError(
+            f"{path.name} holds {actual} bytes when inflated; {_arithmetic(dtype, size_xyz, offset)}. {cure}"
+        )
     return native(samples.view(dtype).reshape(size_xyz[::-1]))
 
 
@@ -196,14 +207,6 @@ def inflated_length(path: Path) -> int:
 def sample_bytes(dtype: np.dtype[np.generic], size_xyz: Sequence[int]) -> int:
     """Bytes that the samples of a grid take."""
     return math.prod(size_xyz) * dtype.itemsize
-
-
-def wrong_length(
-    name: str, actual: int, dtype: np.dtype[np.generic], size_xyz: Triple, offset: int
-) -> InputError:
-    """Return the error for a file whose length does not fit its shape, with the arithmetic spelled out."""
-    cure = "Check --shape and --dtype." if offset == 0 else "The file is incomplete; fetch it again."
-    return InputError(f"{name} has {actual} bytes; {_arithmetic(dtype, size_xyz, offset)}. {cure}")
 
 
 @contextlib.contextmanager
@@ -219,6 +222,7 @@ def library_failures(claim: str) -> Iterator[None]:
 
 
 def _arithmetic(dtype: np.dtype[np.generic], size_xyz: Triple, offset: int) -> str:
+    """Return how many bytes a grid needs, spelled out."""
     x, y, z = size_xyz
     header = f" after a header of {offset}" if offset else ""
     total = offset + sample_bytes(dtype, size_xyz)

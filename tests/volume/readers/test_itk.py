@@ -161,6 +161,28 @@ def test_a_file_that_ends_early_is_refused_without_a_word_on_standard_error(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize("name", ["a.nhdr", "a.mhd"])
+def test_data_beside_a_header_that_do_not_fit_it_are_said_to_be_of_another(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path / name, samples_of("i2"))
+    data = next(other for other in tmp_path.iterdir() if other != path)
+    for content in (data.read_bytes()[:-1], data.read_bytes() + b"x"):
+        data.write_bytes(content)
+        with pytest.raises(
+            InputError, match=rf"{data.name} has .* does not belong to {path.name}, or is incomplete"
+        ):
+            open_volume(path)
+
+
+@pytest.mark.parametrize("name", ["a.nrrd", "a.mha"])
+def test_compressed_samples_that_are_too_few_are_said_to_be_incomplete(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path / name, samples_of("i2"), compressed=True)
+    path.write_bytes(path.read_bytes().replace(b"6 5 4", b"6 5 5"))
+    with pytest.raises(
+        InputError, match=r"240 bytes when inflated; .* need 300\. The file is damaged or incomplete; fetch"
+    ):
+        open_volume(path)
+
+
 @pytest.mark.parametrize("cut", [1, 60])
 def test_a_scaled_nifti_that_ends_early_is_refused(tmp_path: Path, cut: int) -> None:
     path = written(tmp_path / "a.nii", samples_of("u1"))
