@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from isosample.volume.readers.itk import itk_failures, read_through_itk, simplei
 from isosample.volume.readers.samples import ReadOptions, choose, library_failures
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Mapping
 
     from isosample.volume.grid import F64, SampleArray
 
@@ -20,6 +21,8 @@ STEP_TOLERANCE = 0.02  # of the slice distance: positions are written with a few
 POSITION, COSINES = "0020|0032", "0020|0037"
 SLOPE, INTERCEPT = "0028|1053", "0028|1052"
 DESCRIPTION = "0008|103e"
+STORAGE_CLASS = b"\x02\x00\x02\x00UI"  # always little-endian with explicit types, whatever follows
+START_BYTES = 1024
 
 
 def read_dicom_folder(folder: Path, options: ReadOptions) -> Volume:
@@ -41,7 +44,8 @@ def read_dicom_folder(folder: Path, options: ReadOptions) -> Volume:
     MissingDependencyError
         If SimpleITK is not installed.
     InputError
-        If the folder holds no series, several series, a single slice, or slices at unequal distances.
+        If the folder holds no series, several series, a single slice, slices at unequal distances, or one that
+        cannot be read.
     """
     sitk = simpleitk("reading DICOM")
     with itk_failures(folder.name, "DICOM"):
@@ -49,6 +53,7 @@ def read_dicom_folder(folder: Path, options: ReadOptions) -> Volume:
     if not series:
         raise InputError(f"{folder} holds no DICOM series. Name a volume file or a folder of DICOM slices.")
     files = {uid: _files(sitk, folder, uid) for uid in series}
+    _refuse_unread(folder, files)
     if len(series) > 1:
         listed = "; ".join(f"{uid} ({_title(sitk, names)})" for uid, names in files.items())
         raise InputError(
@@ -100,6 +105,28 @@ def _files(sitk: Any, folder: Path, uid: str) -> tuple[str, ...]:
     with itk_failures(folder.name, "DICOM"):
         names: tuple[str, ...] = sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(folder), uid)
     return names
+
+
+def _refuse_unread(folder: Path, files: Mapping[str, tuple[str, ...]]) -> None:
+    """Raise where a file begins as the slices of a series do, but is in none: the library passes over damaged ones."""
+    read = {Path(name).name for names in files.values() for name in names}
+    classes = {_storage_class(Path(names[0])) for names in files.values()} - {None}
+    for path in sorted(folder.iterdir()):
+        if path.name not in read and path.is_file() and _storage_class(path) in classes:
+            raise InputError(
+                f"{folder.name}: {path.name} begins like a slice, but cannot be read. It may be damaged or incomplete; "
+                "fetch it again."
+            )
+
+
+def _storage_class(path: Path) -> bytes | None:
+    """What kind of object a DICOM file says to be at its beginning (0002,0002); None where it is no DICOM file."""
+    with path.open("rb") as stream:
+        start = stream.read(START_BYTES)
+    _, found, rest = start.partition(STORAGE_CLASS)
+    if start[128:132] != b"DICM" or not found:
+        return None
+    return rest[2 : 2 + int.from_bytes(rest[:2], "little")]
 
 
 def _title(sitk: Any, files: tuple[str, ...]) -> str:

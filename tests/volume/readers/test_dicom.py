@@ -53,6 +53,21 @@ def test_a_position_that_is_no_number_is_told(tmp_path: Path, height: str) -> No
         open_volume(tmp_path)
 
 
+@pytest.mark.parametrize("number", [0, 3])
+@pytest.mark.parametrize("kept", [0.5, 0.999])
+def test_a_cut_slice_at_an_end_of_the_stack_is_not_left_out(tmp_path: Path, number: int, kept: float) -> None:
+    write_series(tmp_path, heights=[1.0, 2.0, 3.0, 4.0])
+    (tmp_path / "notes.txt").write_text("no slice")
+    (tmp_path / "more").mkdir()
+    path = tmp_path / f"{7 * number % 10:03d}.dcm"
+    content = path.read_bytes()
+    path.write_bytes(content[: int(kept * len(content))])
+    with pytest.raises(
+        InputError, match=rf"{path.name} begins like a slice, but cannot be read\. It may be damaged"
+    ):
+        open_volume(tmp_path)
+
+
 def test_doubled_slices_are_reported(tmp_path: Path) -> None:
     write_series(tmp_path, heights=[10.0, 10.0, 12.5, 12.5, 15.0, 15.0])
     with pytest.raises(InputError, match="0 mm apart"):
