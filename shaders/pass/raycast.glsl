@@ -12,6 +12,7 @@ layout(binding = UNIT_SPANS) uniform sampler2D spans;
 #endif
 
 const float FAR = 1e30;
+const int NOT_SAMPLED = int(0x80000000u);  // no sample's number: shifted ones begin at -1
 
 // One ray of the picture.
 struct Ray {
@@ -31,7 +32,7 @@ struct Ray {
     float shift;                          // of the samples, in steps
     vec3 radiance;
     float transmittance;
-    int sampled;                          // number of the last sample
+    int sampled;                          // number of the last sample, or NOT_SAMPLED
     float value;                          // and the field there
     uint samples;
     uint roots;
@@ -120,7 +121,7 @@ void begin_ray(ivec2 pixel) {
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
     ray.transmittance = 1.0;
-    ray.sampled = -1;
+    ray.sampled = NOT_SAMPLED;
     ray.samples = 0u;
     ray.roots = 0u;
     ray.crossings = 0u;

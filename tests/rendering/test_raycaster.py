@@ -305,6 +305,23 @@ def test_a_seed_shifts_the_samples_of_every_ray_the_same_way_again(
     assert not np.array_equal(first, plain)
 
 
+def test_shifted_samples_begin_at_an_eye_inside(gl: moderngl.Context) -> None:
+    # The extinction is the same along all of every ray, so that the picture is exact whatever the step and its shift:
+    # what is sampled at the eye itself stands for a part of a step.
+    samples = np.linspace(0.0, 1.0, 17, dtype=np.float32)[:, None, None] * np.ones((17, 17, 17), np.float32)
+    volume, tf = Volume(samples), ramp_tf(0.5, 2.0, (0.1, 0.1))
+    camera = Camera(
+        projection=Projection.PERSPECTIVE, eye=(8.0, 8.0, 10.0), target=(8.0, 8.0, 16.0), fov_y_degrees=50.0
+    )
+    expected = render_reference(volume, tf, camera=camera, size=SIZE).rgba
+    for method in (POST, PRE, PEAKS):
+        for step in (0.125, 1.0, 4.0):
+            own = replace(method, step=step, jitter=3)
+            for skipping in (True, False):
+                found = cast(volume, tf, replace(own, skipping=skipping), camera=camera).rgba
+                assert np.abs(found - expected).max() <= ROUNDING
+
+
 def test_another_transfer_function_needs_no_new_volume(gl: moderngl.Context, volume: Volume) -> None:
     first, second = tents(volume, 0.3), tents(volume, 0.5, 0.8)
     with RayCaster(volume, first) as caster:
