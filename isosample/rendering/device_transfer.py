@@ -21,6 +21,7 @@ from isosample.rendering.raycast_settings import (
 )
 from isosample.rendering.transfer_texture import (
     has_few_bands,
+    looked_up_intervals,
     shown_peaks,
     transfer_texels,
     visible_intervals,
@@ -89,6 +90,10 @@ class DeviceTransfer:
         self._bands = ValueBands.of(transfer_function, scale.low, scale.inverse_width)
         self._few_bands = has_few_bands(self._bands)
         self._intervals = visible_intervals(transfer_function, isosurfaces=self._shows_isosurfaces)
+        cells = lookup_cells(settings)
+        if cells is not None:
+            means = _integrates(settings, Integration.TABLE_1D)
+            self._intervals = looked_up_intervals(self._intervals, scale, cells, whole_cells=means)
         hidden = 0 if self._shows_isosurfaces else len(transfer_function.isosurfaces)
         self.not_shown = {"isosurfaces": hidden} if hidden else {}
         finds = settings.classification is Classification.PEAK_FINDING
@@ -141,13 +146,18 @@ class DeviceTransfer:
     def fill(self, block: np.void) -> None:
         """Fill in the members of a struct Raycast that tell of the transfer function."""
         block["band_count"] = len(self._bands.ends)
+        lowest = self._bands.evaluate(0.0)
+        block["lowest"] = (*(lowest[:3] * lowest[3]), lowest[3])
         block["root_iterations"] = self._settings.root_iterations
         lengths = table_lengths(self._settings, self._base_length)
         block["table_layers"], block["table_length"] = len(lengths), lengths[0]
         block["table_ratio"] = np.log(lengths[1] / lengths[0]) if len(lengths) > 1 else 0.0
 
     def visible_intervals(self) -> F64:
-        """(N, 2) float64, closed intervals of data values that can be seen, isosurfaces as points; ascending."""
+        """(N, 2) float64, closed intervals of data values at which something is seen; ascending by their lower ends.
+
+        Isosurfaces are points; where values are looked up in a table, all are wider by a part of its cells.
+        """
         return self._intervals
 
     def release(self) -> None:
@@ -162,6 +172,24 @@ class DeviceTransfer:
             return self._settings.peak_mode is not PeakMode.DVR_ONLY
         integrates = self._settings.classification is Classification.PRE_INTEGRATED
         return integrates and self._settings.integration is not Integration.TABLE_1D
+
+
+def lookup_cells(settings: RaycastSettings) -> int | None:
+    """Cells, over the volume's range, of the table in which a method looks values up; None where it needs none."""
+    width = shared_constants()["BAND_START_COUNT"]
+    if _integrates(settings, Integration.TABLE_1D):
+        return shared_constants()["INTEGRAL_ROWS"] * width // 3
+    if _integrates(settings, Integration.TABLE_2D, Integration.TABLE_3D):
+        return settings.table_size - 1
+    sampled = settings.transfer_lookup is TransferLookup.TEXTURE
+    if sampled and settings.classification is not Classification.PRE_INTEGRATED:
+        return shared_constants()["SAMPLED_ROWS"] * width - 1
+    return None
+
+
+def _integrates(settings: RaycastSettings, *tables: Integration) -> bool:
+    """Whether a method pre-integrates, by one of these tables."""
+    return settings.classification is Classification.PRE_INTEGRATED and settings.integration in tables
 
 
 def table_lengths(settings: RaycastSettings, base_length: float) -> F64:

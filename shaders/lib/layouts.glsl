@@ -140,6 +140,7 @@ struct Raycast {
     int band_count;
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
+    vec4 lowest;         // premultiplied colour and extinction at the volume's lowest value [1/world]
     float step;          // first step along a ray [world]
     float differential;  // 1: steps grow with the distance from the eye; 0: they do not
     int root_iterations; // secant steps

@@ -22,6 +22,7 @@ from isosample.rendering.raycast_settings import (
     Quadrature,
     RaycastSettings,
     Sampling,
+    TransferLookup,
 )
 from isosample.rendering.raycaster import RayCaster, raycast
 from isosample.rendering.reference_image import render_reference
@@ -58,6 +59,13 @@ METHODS = {
     "peaks, exact crossings": replace(PEAKS, crossings=Crossings.EXACT),
     "peaks alone": replace(PEAKS, peak_mode=PeakMode.PEAK_ONLY),
 }
+LOOKUPS = {  # show something up to a cell of their table beyond what is visible
+    "integrals over the value": METHODS["integrals over the value"],
+    "2d": replace(PRE, integration=Integration.TABLE_2D, table_size=12),
+    "3d": replace(PRE, integration=Integration.TABLE_3D, table_size=12),
+    "sampled": replace(POST, transfer_lookup=TransferLookup.TEXTURE),
+    "peaks, sampled": replace(PEAKS, peak_weight=PeakWeight.PAPER, transfer_lookup=TransferLookup.TEXTURE),
+}
 
 
 @pytest.fixture(scope="module")
@@ -93,18 +101,54 @@ def cast(volume: Volume, tf: TransferFunction, own: RaycastSettings, **more: Any
 
 @pytest.mark.parametrize("sampling", Sampling)
 @pytest.mark.parametrize("adaptive", [False, True])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHODS | LOOKUPS)
 def test_skipping_changes_no_picture(
     gl: moderngl.Context, volume: Volume, method: str, adaptive: bool, sampling: Sampling
 ) -> None:
     tf = tents(volume, 0.3, 0.6)
-    own = replace(METHODS[method], sampling=sampling, adaptive=adaptive, pixel_scale=1.0)
+    own = replace((METHODS | LOOKUPS)[method], sampling=sampling, adaptive=adaptive, pixel_scale=1.0)
     for camera in (Camera.orbit(volume.box, azimuth=25.0, elevation=15.0), inside(volume)):
         skipped = cast(volume, tf, own, camera=camera)
         whole = cast(volume, tf, replace(own, skipping=False), camera=camera)
         assert np.array_equal(skipped.rgba, whole.rgba)
         assert skipped.stats["samples_per_ray"]["mean"] < whole.stats["samples_per_ray"]["mean"]
         assert whole.stats["skipped"]["leaps_over_empty_macrocells"] == 0
+
+
+@pytest.mark.parametrize("beside", [0.25, 0.75])
+@pytest.mark.parametrize("method", LOOKUPS)
+def test_skipping_keeps_what_a_table_shows_beside_what_is_visible(
+    gl: moderngl.Context, method: str, beside: float
+) -> None:
+    # Of the way between two entries of the table one half is visible; much of the volume has a value in the other.
+    own = LOOKUPS[method]
+    cells = {"2d": 11, "3d": 11, "integrals over the value": 8192}.get(method, 8191)
+    number = cells // 3
+    samples = np.full((17, 17, 17), (number + beside) / cells, np.float32)
+    samples[8:, 8:], samples[-1, -1, -1] = 0.0, 1.0
+    volume = Volume(samples)
+    seen = (number + 0.5) / cells + np.array([0.0, 3.0 / cells]) * (1.0 if beside < 0.5 else -1.0)
+    low, high = sorted(seen.tolist())
+    tf = TransferFunction([ControlPoint(value, (1.0, 0.5, 0.2), 5.0) for value in (low, high)])
+    skipped = cast(volume, tf, replace(own, macrocells=8))
+    whole = cast(volume, tf, replace(own, skipping=False))
+    assert whole.rgba[..., 3].max() > 0.1
+    assert np.array_equal(skipped.rgba, whole.rgba)
+
+
+def test_a_table_s_first_entry_leaves_air_below_it_empty(gl: moderngl.Context) -> None:
+    samples = np.zeros((33, 33, 33), np.float32)
+    samples[12:20, 12:20, 12:20] = 1.0
+    for method in LOOKUPS:
+        own = replace(LOOKUPS[method], macrocells=16)
+        found = cast(Volume(samples), ramp_tf(0.0, 1.0, (0.0, 0.2)), own)
+        assert (
+            found.stats["macrocells"]["occupied"] == 5**3
+        )  # as in test_air_at_the_foot_of_a_ramp_is_leapt_over
+        assert np.array_equal(
+            found.rgba,
+            cast(Volume(samples), ramp_tf(0.0, 1.0, (0.0, 0.2)), replace(own, skipping=False)).rgba,
+        )
 
 
 def leaning(volume: Volume) -> Volume:
