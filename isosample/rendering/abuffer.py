@@ -160,16 +160,18 @@ class ABuffer:
 
         Raises
         ------
-        CapacityError
+        CapacityError, LostFragmentsError
             As `render`.
         """
         width, height = check_size(size)
         frame = self._begin(camera, (width, height), settings, residuals=True)
         start = head_start(camera.rays(width / height), self._geometry.box)
-        for tile, _ in self._builder.built_tiles(frame, (width, height)):
-            yield decode_lists(
-                tile, (width, height), self._shared.pool.heads(tile), self._shared.pool.nodes(), start=start
-            )
+        pool = self._shared.pool
+        for tile, rasterised in self._builder.built_tiles(frame, (width, height)):
+            built = int(pool.counters()["node_count"])
+            lists = decode_lists(tile, (width, height), pool.heads(tile), pool.nodes()[:built], start=start)
+            self._check_whole(rasterised, built, len(lists.pixels))
+            yield lists
 
     def reach(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> float:
         """How far apart crossings of one place may lie in the wrong order in a picture [world]; see `DetailChoice`."""
@@ -197,16 +199,19 @@ class ABuffer:
                 meshes.upload(rows, residual)
         frame.streamed = not meshes.has(needed, residual)
 
+    def _check_whole(self, rasterised: int, built: int, found: int) -> None:
+        """Raise if the lists of a tile do not hold what the rasteriser counted."""
+        if not rasterised == built == found:
+            raise LostFragmentsError(
+                f"{rasterised} fragments were rasterised, {built} stored and {found} found in the lists. "
+                f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
+            )
+
     def _account(self, rasterised: int, statistics: FrameStatistics) -> None:
         """Add a tile's counters; raise if its lists lack fragments."""
         counters = self._shared.pool.counters()
-        walked, built = int(counters["walked_count"]), int(counters["node_count"])
-        lost = max(abs(rasterised - walked), abs(built - walked))
-        if lost:
-            raise LostFragmentsError(
-                f"{rasterised} fragments were rasterised, {built} stored and {walked} found in the lists. "
-                f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
-            )
+        walked = int(counters["walked_count"])
+        self._check_whole(rasterised, int(counters["node_count"]), walked)
         unfinished = int(counters["unfinished_rays"])
         if unfinished:
             raise LostFragmentsError(
