@@ -50,6 +50,12 @@ class FragmentPool:
                 buffer.release()
         self._nodes = self._heads = None
 
+    def begin_picture(self, budget_bytes: int) -> None:
+        """Free the nodes if they exceed the budget of the picture that follows."""
+        if self._nodes is not None and self.size_bytes > budget_bytes:
+            self._nodes.release()
+            self._nodes = None
+
     @property
     def max_pixels(self) -> int:
         """Pixels whose list heads fit one storage block."""

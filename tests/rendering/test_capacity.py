@@ -235,6 +235,21 @@ def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl
     assert again.fragments == first.fragments
 
 
+def test_a_smaller_budget_holds_after_a_picture_with_a_larger_one(gl: moderngl.Context) -> None:
+    scene, camera = translucent_scene()
+    small = RenderSettings(fragment_budget_bytes=1 << 16)
+    with ABuffer(gl, scene) as abuffer:
+        before, whole = abuffer.render(camera, (64, 64), RenderSettings())
+        assert whole.pool_bytes > 4 * small.fragment_budget_bytes
+        parts = list(abuffer.fragment_list_parts(camera, (64, 64), small))
+        assert len(parts) >= whole.fragments * NODE_BYTES / small.fragment_budget_bytes
+        assert max(len(part.pixels) for part in parts) * NODE_BYTES <= small.fragment_budget_bytes
+        after, tiled = abuffer.render(camera, (64, 64), small)
+    assert tiled.pool_bytes <= small.fragment_budget_bytes
+    assert tiled.tiles == len(parts)
+    assert np.array_equal(before, after)
+
+
 def covered(tiles: list[Tile], width: int, height: int) -> Iterator[int]:
     counts = np.zeros((height, width), dtype=int)
     for tile in tiles:
