@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, LostFragmentsError
+from isosample.gl.ownership import Owner
 from isosample.rendering.device_scene import residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.frame import head_start
@@ -56,12 +57,14 @@ class ABuffer:
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         self._ctx = ctx
         self._geometry = scene.geometry
-        self._shared = PassResources(ctx, scene)
-        self.timer = self._shared.timer
-        self._frames = PictureFrames(scene, self._shared.scene.meshes.chunks)
-        self._builder = ListBuilder(self._shared, self._frames)
-        self._target = PictureTarget(ctx)
-        self._resolve_pass = ResolvePass(self._shared, self._target)
+        with Owner() as made:
+            self._shared = made.keep(PassResources(ctx, scene))
+            self.timer = self._shared.timer
+            self._frames = PictureFrames(scene, self._shared.scene.meshes.chunks)
+            self._builder = made.keep(ListBuilder(self._shared, self._frames))
+            self._target = made.keep(PictureTarget(ctx))
+            self._resolve_pass = ResolvePass(self._shared, self._target)
+            self._made = made.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -71,9 +74,7 @@ class ABuffer:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        self._target.release()
-        self._builder.release()
-        self._shared.release()
+        self._made.close()
 
     def render(
         self,

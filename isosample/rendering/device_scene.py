@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import drawing_into, limits
+from isosample.gl.ownership import Owner
 from isosample.rendering.device_meshes import CURVED, FLAT, DeviceMeshes
 from isosample.rendering.frame import shared_constants, storage_dtype
 from isosample.rendering.programs import storage_bindings
@@ -43,15 +44,16 @@ class DeviceScene:
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         _check_tables(scene, limits(ctx).storage_block_bytes, ctx.info["GL_RENDERER"])
         self._ctx = ctx
-        self.meshes = DeviceMeshes(ctx, scene)
-        self._mask = None if scene.mask is None else ctx.buffer(_at_least_one(scene.mask))
         self._mask_count = 0 if scene.mask is None else len(scene.mask)
-        self._tables = {
-            "Bands": ctx.buffer(_band_table(scene)),
-            "Levels": ctx.buffer(_at_least_one(scene.level_optics)),
-            "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
-        }
         self._mask_arrays: dict[int, moderngl.VertexArray] = {}
+        tables = {"Bands": _band_table(scene), "Levels": scene.level_optics, "Boundary": scene.boundary}
+        with Owner() as made:
+            self.meshes = made.keep(DeviceMeshes(ctx, scene))
+            self._mask = None if scene.mask is None else made.keep(ctx.buffer(_at_least_one(scene.mask)))
+            self._tables = {
+                name: made.keep(ctx.buffer(_at_least_one(table))) for name, table in tables.items()
+            }
+            self._made = made.pop_all()
         # Of the resolve pass: what no pixel needs is not compiled.
         self.constants = {
             "SMOOTH_FACES": int(scene.face_kernel is not None),
@@ -119,13 +121,10 @@ class DeviceScene:
 
     def release(self) -> None:
         """Free every buffer."""
-        self.meshes.release()
         for vertex_array in self._mask_arrays.values():
             vertex_array.release()
-        for buffer in (self._mask, *self._tables.values()):
-            if buffer is not None:
-                buffer.release()
-        self._mask_arrays, self._tables = {}, {}
+        self._mask_arrays = {}
+        self._made.close()
 
     def _mask_vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         key = id(program)

@@ -6,7 +6,6 @@ Source: Knoll et al. 2009, "Volume ray casting with peak finding and differentia
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_SIZE
 from isosample.gl.context import shared_context
+from isosample.gl.ownership import Owner
 from isosample.gl.timer import StageTimer
 from isosample.rendering.camera import Camera
 from isosample.rendering.device_macrocells import DeviceMacrocells
@@ -139,28 +139,22 @@ class RayCaster:
         grid = MacrocellGrid.build(volume, reconstruction, count, spline=spline, known=macrocells)
         self.timer = StageTimer(self._ctx)
         self.timer.seconds["prepare"] = time.perf_counter() - started
-        with ExitStack() as made:
-            self._programs = Programs(self._ctx)
-            made.callback(self._programs.release)
+        with Owner() as made:
+            self._programs = made.keep(Programs(self._ctx))
             with self.timer.stage("upload"):
-                self._volume = DeviceVolume(
-                    self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
-                )
-                made.callback(self._volume.release)
+                filtering = self._settings.filtering
+                device = DeviceVolume(self._ctx, volume, self._scale, reconstruction, filtering, spline=spline)
+                self._volume = made.keep(device)
                 self._transfer_function = transfer_function or TransferFunction.suggest(volume)
                 self._transfer = self._device_transfer(self._transfer_function, self._settings)
                 made.callback(lambda: self._transfer.release())
-                self._macrocells = DeviceMacrocells(
-                    self._ctx, grid, self._settings, self._transfer.visible_intervals()
+                self._macrocells = made.keep(
+                    DeviceMacrocells(self._ctx, grid, self._settings, self._transfer.visible_intervals())
                 )
-                made.callback(self._macrocells.release)
-            self._buffers = RayBuffers(self._ctx, TILE_PIXELS)
-            made.callback(self._buffers.release)
+            self._buffers = made.keep(RayBuffers(self._ctx, TILE_PIXELS))
             self._tile_number = 0
-            self._blocks = RayBlocks(self._ctx)
-            made.callback(self._blocks.release)
-            self._target = PictureTarget(self._ctx)
-            made.callback(self._target.release)
+            self._blocks = made.keep(RayBlocks(self._ctx))
+            self._target = made.keep(PictureTarget(self._ctx))
             self._made = made.pop_all()
 
     def __enter__(self) -> Self:
