@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError
+from isosample.gl.memory import with_room
 from isosample.gl.ownership import Owner
 from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
 from isosample.rendering.mesh_batch import Batch
@@ -29,6 +30,7 @@ RESIDUAL_BYTES = 4
 STAGED_BYTES = 16 << 20  # pieces that are put together before one call uploads them
 LARGEST_DRAW = 2**31 - 1  # indices that one draw can name
 FLAT, CURVED = 0, 1  # columns of the residuals
+REMEDY = "Give a smaller --mesh-budget (RenderSettings.mesh_budget_bytes)."
 
 
 @dataclass(slots=True)
@@ -115,7 +117,15 @@ class DeviceMeshes:
         self._resident = None
 
     def upload(self, rows: I64, residual: int | None) -> Batch:
-        """Put pieces on the GPU, after what is there was freed."""
+        """Put pieces on the GPU, after what is there was freed.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room for them.
+        CacheError
+            If a stored piece is damaged.
+        """
         self.release()
         tally(MESH_UPLOADS)
         size = int(bytes_of(self.chunks[rows], residual).sum())
@@ -169,7 +179,7 @@ class DeviceMeshes:
         if residual is not None:
             arrays.append(np.ascontiguousarray(scene.residuals[:, residual]))
         buffers = [
-            made.keep(self._ctx.buffer(a) if a.size else self._ctx.buffer(reserve=a.dtype.itemsize))
+            made.keep(self._room_for(a.nbytes, self._ctx.buffer(a)) if a.size else self._reserved(0))
             for a in arrays
         ]
         return buffers, self.chunks["first_index"][rows]
@@ -183,7 +193,7 @@ class DeviceMeshes:
         sizes = [vertex_bytes, INDEX_BYTES * int(counts.sum())]
         if residual is not None:
             sizes.append(vertex_bytes // VERTEX_DTYPE.itemsize * RESIDUAL_BYTES)
-        streams = [_Upload(made.keep(self._ctx.buffer(reserve=max(n, INDEX_BYTES)))) for n in sizes]
+        streams = [_Upload(made.keep(self._reserved(n))) for n in sizes]
         vertex = 0
         for piece in self._source.load(self.chunks[rows]):
             streams[0].append(piece.vertices)
@@ -194,6 +204,13 @@ class DeviceMeshes:
         for stream in streams:
             stream.flush()
         return [stream.buffer for stream in streams], np.cumsum(counts) - counts
+
+    def _reserved(self, size: int) -> moderngl.Buffer:
+        """Buffer of so many bytes, or of a few: OpenGL has no empty buffers."""
+        return self._room_for(size, self._ctx.buffer(reserve=max(size, VERTEX_DTYPE.itemsize)))
+
+    def _room_for(self, size: int, buffer: moderngl.Buffer) -> moderngl.Buffer:
+        return with_room(self._ctx, buffer, "meshes", size, REMEDY)
 
 
 class _Upload:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import limits
+from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import (
     Classification,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
     U16 = npt.NDArray[np.uint16]
 
+REMEDY = "Use a smaller --table-size or --peak-bins."
 METHODS = {
     Classification.POST_CLASSIFIED: 0,
     Classification.PRE_INTEGRATED: 1,
@@ -228,17 +230,18 @@ def new_texture(ctx: moderngl.Context, texels: Floats | U16) -> moderngl.Texture
     Raises
     ------
     CapacityError
-        If the driver's textures are smaller.
+        If the driver's textures are smaller, or it has no room.
     """
     deep = texels.ndim == 4
     largest = limits(ctx).texture_3d_size if deep else limits(ctx).texture_size
     size = texels.shape[-2::-1]
+    table = f"a table of {' x '.join(map(str, size))} entries"
     if max(size) > largest:
-        raise CapacityError(
-            f"a table of {' x '.join(map(str, size))} entries is larger than this driver's textures, {largest}; use "
-            "a smaller --table-size or --peak-bins."
-        )
+        raise CapacityError(f"{table} is larger than this driver's textures, {largest}. {REMEDY}")
     kind = f"{texels.dtype.kind}{texels.dtype.itemsize}"
-    texture = (ctx.texture3d if deep else ctx.texture)(size, 4, np.ascontiguousarray(texels), dtype=kind)
+    make = ctx.texture3d if deep else ctx.texture
+    texture = with_room(
+        ctx, make(size, 4, np.ascontiguousarray(texels), dtype=kind), table, texels.nbytes, REMEDY
+    )
     texture.filter = (ctx.NEAREST, ctx.NEAREST)
     return texture
