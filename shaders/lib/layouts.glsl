@@ -161,6 +161,7 @@ struct RayState {
     uint tile_number;    // of the tile whose ray goes on from here; 0: none does
 };
 
+// What one call counted, over all rays of a tile.
 struct RayCounters {
     uint samples;        // field evaluations of the sampling, gradients not counted
     uint roots;          // field evaluations of root finding
@@ -168,6 +169,6 @@ struct RayCounters {
     uint skipped;        // leaps over empty macrocells
     uint terminated_rays; // ended behind an opaque front
     uint unfinished_rays; // have to go on in another call
-    uint most_samples;   // of one ray
+    uint most_samples;   // of one ray that has ended, in all its calls
     uint crossings;      // of peaks and isosurfaces, composited
 };

@@ -137,15 +137,18 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
 #endif
     begin_ray(pixel);
     bool ended = true;
+    uint counted = 0u;                    // samples of the calls before: one call's sums fit 32 bits, those of a ray may not
     if (ray.start < ray.end && ray.seen.x < ray.seen.y) {
 #if RESUMED
         March state = resumed_march(states[place]);
+        counted = ray.samples;
 #else
         March state = fresh_march();
 #endif
         ended = march_on(state);
         if (!ended) states[place] = state_of(state);
     }
+    if (ray.samples > counted) atomicAdd(counters.samples, ray.samples - counted);
     if (ray.roots > 0u) atomicAdd(counters.roots, ray.roots);
     if (ray.crossings > 0u) atomicAdd(counters.crossings, ray.crossings);
     if (!ended) {
@@ -155,10 +158,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
 #if RESUMED
     states[place].tile_number = 0u;
 #endif
-    if (ray.samples > 0u) {
-        atomicAdd(counters.samples, ray.samples);
-        if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
-    }
+    if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
     color = vec4(ray.radiance, 1.0 - ray.transmittance) + ray.transmittance * frame.background;
     return true;
 }
