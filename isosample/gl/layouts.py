@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 _STRUCT = re.compile(r"\bstruct\s+(\w+)\s*\{([^{}]*)\}\s*;")
 _CONSTANT = re.compile(r"\bconst\s+(int|uint|float)\s+(\w+)\s*=\s*([^;]+);")
 _MEMBER = re.compile(r"(\w+)\s+(\w+)\s*(?:\[\s*(\w+)\s*\])?")
-_SUFFIXED = re.compile(r"(?<![\w.])(?:(0[xX][0-9a-fA-F]+|\d+)[uU]|((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)[fF])\b")
+_SUFFIXED = re.compile(
+    r"(?<![\w.])(?:(0[xX][0-9a-fA-F]+|\d+)[uU]|((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)[fF])\b"
+)
 _SCALARS = {"float": "<f4", "int": "<i4", "uint": "<u4"}
 _VECTOR_PREFIXES = {"vec": "<f4", "ivec": "<i4", "uvec": "<u4"}
 _ARRAY_TYPES = ("vec4", "ivec4", "uvec4", "mat4")  # their stride is their size, in both packings
