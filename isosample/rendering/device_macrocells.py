@@ -73,6 +73,10 @@ class DeviceMacrocells:
         """Fill in the members of a struct Raycast that say how the volume is divided."""
         block["macrocells"] = (*self._grid.low.shape[::-1], self._grid.cells)
 
+    def samplers(self) -> dict[str, str]:
+        """Type of the texture by its name in the shaders."""
+        return {"macrocells": "usampler3D"}
+
     def bind(self) -> None:
         """Bind the texture."""
         self._texture.use(shared_constants()["UNIT_MACROCELLS"])

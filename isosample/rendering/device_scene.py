@@ -13,7 +13,7 @@ from isosample.gl.memory import with_room
 from isosample.gl.ownership import Owner
 from isosample.rendering.device_meshes import CURVED, FLAT, DeviceMeshes
 from isosample.rendering.frame import shared_constants, storage_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

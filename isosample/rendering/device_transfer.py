@@ -42,6 +42,12 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
     U16 = npt.NDArray[np.uint16]
 
+SAMPLERS = {"TRANSFER": ("transfer", "sampler2D"), "PEAK_TABLE": ("peak_table", "usampler2D")}
+TABLE_SAMPLERS = {
+    Integration.TABLE_1D: ("integrals", "sampler2D"),
+    Integration.TABLE_2D: ("length_table", "sampler2D"),
+    Integration.TABLE_3D: ("length_tables", "sampler3D"),
+}
 REMEDY = "Use a smaller --table-size or --peak-bins."
 METHODS = {
     Classification.POST_CLASSIFIED: 0,
@@ -112,6 +118,12 @@ class DeviceTransfer:
         """Bind what the programs with `constants` read."""
         for name, texture in self._textures.items():
             texture.use(shared_constants()[f"UNIT_{name}"])
+
+    def samplers(self) -> dict[str, str]:
+        """Types of the textures by their names in the shaders."""
+        table = TABLE_SAMPLERS.get(self._settings.integration, ("", ""))
+        named = {**SAMPLERS, "PRE_INTEGRATION": table}
+        return dict(named[unit] for unit in self._textures)
 
     def _tables(self) -> dict[str, Floats | U16]:
         """Texels of the textures that the method reads, by the names of their units."""

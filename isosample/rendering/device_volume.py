@@ -98,6 +98,10 @@ class DeviceVolume:
         """Bind the texture to its unit."""
         self._texture.use(shared_constants()["UNIT_VOLUME"])
 
+    def samplers(self) -> dict[str, str]:
+        """Type of the texture by its name in the shaders."""
+        return {"volume": "sampler2DArray" if self._filtering == SHADER else "sampler3D"}
+
     def constants(self) -> dict[str, int]:
         """Compile-time constants of ``shaders/pass/field.glsl``."""
         return {"RECONSTRUCTION": int(self._smooth), "FILTERING": self._filtering}

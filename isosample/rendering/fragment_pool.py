@@ -10,7 +10,7 @@ import numpy.typing as npt
 from isosample.gl.context import limits
 from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants, storage_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 from isosample.tally import POOLS, tally
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 
 from isosample.gl.ownership import Owner
 from isosample.rendering.frame import shared_constants, storage_dtype, uniform_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 
 if TYPE_CHECKING:
     import moderngl

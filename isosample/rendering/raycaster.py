@@ -32,6 +32,7 @@ from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.scene import ValueScale
 from isosample.rendering.settings import RenderSettings, ResolveStage, check_size
 from isosample.rendering.stage import resolve_stage
+from isosample.rendering.supplies import ray_supply
 from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.transfer_function import TransferFunction, check_is_transfer_function
@@ -143,7 +144,9 @@ class RayCaster:
             self._programs = made.keep(Programs(self._ctx))
             with self.timer.stage("upload"):
                 filtering = self._settings.filtering
-                device = DeviceVolume(self._ctx, volume, self._scale, reconstruction, filtering, spline=spline)
+                device = DeviceVolume(
+                    self._ctx, volume, self._scale, reconstruction, filtering, spline=spline
+                )
                 self._volume = made.keep(device)
                 self._transfer_function = transfer_function or TransferFunction.suggest(volume)
                 self._transfer = self._device_transfer(self._transfer_function, self._settings)
@@ -253,10 +256,14 @@ class RayCaster:
         constants = self._volume.constants() | self._transfer.constants()
         constants |= {"ADAPTIVE": int(self._settings.adaptive), "BLOCKS": int(self._settings.skipping)}
         constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
-        if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
-            return self._programs.compute("raycast.comp", **constants)
+        samplers = self._volume.samplers() | self._transfer.samplers() | self._macrocells.samplers()
+        samplers |= {"spans": "sampler2D"} if self._settings.skipping else {}
+        compute = resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE
+        supply = ray_supply(samplers, compute=compute)
+        if compute:
+            return self._programs.compute("raycast.comp", supply, **constants)
         points = "ray_blocks.vert" if self._settings.skipping else "screen.vert"
-        return self._programs.graphics(points, "raycast.frag", **constants)
+        return self._programs.graphics(points, "raycast.frag", supply, **constants)
 
     def _raycast_block(self, camera: Camera, size: tuple[int, int]) -> npt.NDArray[np.void]:
         block = np.zeros(1, dtype=uniform_dtype("Raycast"))
