@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from isosample.errors import ShaderError
 from isosample.gl.interface import active_interface
 from isosample.rendering.programs import Programs
+from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.supplies import (
     Supply,
     blocks,
@@ -19,6 +21,8 @@ from isosample.rendering.supplies import (
     ray_block_supply,
     resolve_supply,
 )
+from isosample.volume.grid import Volume
+from rendering.scenes import ramp_tf
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -100,6 +104,19 @@ def test_a_pass_that_supplies_what_no_program_uses_is_refused(programs: Programs
     more = replace(supply(), blocks=blocks("FrameBlock", "Heads", "Bands"))
     with pytest.raises(ShaderError, match="Bands: the program has no such active member, the pass supplies"):
         compiled(programs, more)
+
+
+@pytest.mark.parametrize("part", ["volume", "transfer", "macrocells"])
+def test_a_ray_caster_whose_part_brings_no_texture_is_refused(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    volume = Volume(np.linspace(0.0, 1.0, 27, dtype=np.float32).reshape(3, 3, 3))
+    with RayCaster(volume, ramp_tf(0.0, 1.0, (0.0, 0.1))) as caster:
+        monkeypatch.setattr(type(getattr(caster, f"_{part}")), "samplers", lambda _: {})
+        with pytest.raises(
+            ShaderError, match=rf"{part}: the program has uniform .*, the pass supplies nothing"
+        ):
+            caster.render(size=(8, 8))
 
 
 def test_a_refused_program_is_released(gl: moderngl.Context) -> None:
