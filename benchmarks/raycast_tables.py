@@ -30,7 +30,7 @@ PIXEL_SCALE = 4.0
 METHODS: dict[str, dict[str, Any]] = {
     "peak finding": {
         "classification": Classification.PEAK_FINDING,
-        "peak_mode": PeakMode.XOR,
+        "peak_mode": PeakMode.BOTH,
         "peak_weight": PeakWeight.INTEGRAL,
         "crossings": Crossings.SECANT,
         "peaks": 4,

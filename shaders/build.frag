@@ -52,9 +52,10 @@ void main() {
 #if RESIDUAL
     uint normal = floatBitsToUint(edge_on ? corner_residual : residual_value);
 #elif SHADING
-    uint normal = pack_normal(gradient / max(length(gradient), 1e-30));
+    float steepness = length(gradient);
+    uint normal = steepness > 0.0 ? pack_normal(gradient / steepness) : NO_NORMAL;
 #else
-    uint normal = 0u;
+    uint normal = NO_NORMAL;
 #endif
     append_node(distance, surface, normal);
 }

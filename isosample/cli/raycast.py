@@ -131,9 +131,13 @@ def raycast_settings_of(args: argparse.Namespace, method: str) -> RaycastSetting
 
 
 def exact_peaks(args: argparse.Namespace) -> dict[str, str]:
-    """What an automatic choice means by peak finding; without crossings where an option says something of a table's."""
+    """What an automatic choice means by peak finding, where no option says otherwise.
+
+    Options of a table leave out the crossings, and ``--peak-mode xor`` the weight, with which it cannot be.
+    """
     by_table = any(getattr(args, name) is not None for name in NEEDS if NEEDS[name][0] == "crossings")
-    return {name: value for name, value in EXACT_PEAKS.items() if not (by_table and name == "crossings")}
+    left_out = {"crossings": by_table, "peak_weight": args.peak_mode == "xor"}
+    return {name: value for name, value in EXACT_PEAKS.items() if not left_out[name]}
 
 
 def _step_for(

@@ -107,6 +107,11 @@ def is_software(ctx: moderngl.Context) -> bool:
     return any(name in renderer for name in SOFTWARE_RENDERERS)
 
 
+def suits_compute(ctx: moderngl.Context) -> bool:
+    """Whether a pass over the pixels runs faster as a compute shader than as a fragment shader: on hardware."""
+    return not is_software(ctx)
+
+
 @contextmanager
 def drawing_into(ctx: moderngl.Context, framebuffer: moderngl.Framebuffer) -> Iterator[None]:
     """Draw into a framebuffer inside the ``with`` block: blending, depth test and culling off.

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import OpenGLError, ShaderError
-from isosample.gl.context import REMEDY, drawing_into, is_software, limits, shared_context
+from isosample.gl.context import REMEDY, drawing_into, is_software, limits, shared_context, suits_compute
 from isosample.gl.program import compute_program, graphics_program
 
 if TYPE_CHECKING:
@@ -77,16 +77,15 @@ def describe(ctx: moderngl.Context) -> dict[str, Any]:
     -------
     driver : dict
         ``vendor``, ``renderer``, ``version``, ``glsl`` (version), ``software`` (bool), ``resolve_stage``
-        ("fragment" on software renderers, "compute" on hardware) and ``limits`` (dict of `Limits`).
+        ("compute" where `suits_compute`, else "fragment") and ``limits`` (dict of `Limits`).
     """
-    software = is_software(ctx)
     return {
         "vendor": ctx.info["GL_VENDOR"],
         "renderer": ctx.info["GL_RENDERER"],
         "version": ctx.info["GL_VERSION"],
         "glsl": f"{ctx.version_code // 100}.{ctx.version_code % 100:02}",  # equal since OpenGL 3.3
-        "software": software,
-        "resolve_stage": "fragment" if software else "compute",
+        "software": is_software(ctx),
+        "resolve_stage": "compute" if suits_compute(ctx) else "fragment",
         "limits": dataclasses.asdict(limits(ctx)),
     }
 

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 _STRUCT = re.compile(r"\bstruct\s+(\w+)\s*\{([^{}]*)\}\s*;")
 _CONSTANT = re.compile(r"\bconst\s+(int|uint|float)\s+(\w+)\s*=\s*([^;]+);")
 _MEMBER = re.compile(r"(\w+)\s+(\w+)\s*(?:\[\s*(\w+)\s*\])?")
-_NUMBER_SUFFIX = re.compile(r"\b(0[xX][0-9a-fA-F]+|\d+)[uU]\b|(?<=[\d.])[fF]\b")
+_SUFFIXED = re.compile(
+    r"(?<![\w.])(?:(0[xX][0-9a-fA-F]+|\d+)[uU]|((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)[fF])\b"
+)
 _SCALARS = {"float": "<f4", "int": "<i4", "uint": "<u4"}
 _VECTOR_PREFIXES = {"vec": "<f4", "ivec": "<i4", "uvec": "<u4"}
 _ARRAY_TYPES = ("vec4", "ivec4", "uvec4", "mat4")  # their stride is their size, in both packings
@@ -130,7 +132,7 @@ def _outside_braces(code: str) -> str:
 
 
 def _evaluate(expression: str, names: Mapping[str, int | float], owner: str) -> int | float:
-    plain = _NUMBER_SUFFIX.sub(lambda match: match[1] or "", expression.strip())
+    plain = _SUFFIXED.sub(lambda match: match[1] or match[2], expression.strip())
     try:
         value: int | float = _value(ast.parse(plain, mode="eval").body, names)
     except (SyntaxError, KeyError, TypeError) as error:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError, LostFragmentsError
+from isosample.gl.ownership import Owner
 from isosample.rendering.device_scene import residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.frame import head_start
@@ -56,12 +57,14 @@ class ABuffer:
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         self._ctx = ctx
         self._geometry = scene.geometry
-        self._shared = PassResources(ctx, scene)
-        self.timer = self._shared.timer
-        self._frames = PictureFrames(scene, self._shared.scene.meshes.chunks)
-        self._builder = ListBuilder(self._shared, self._frames)
-        self._target = PictureTarget(ctx)
-        self._resolve_pass = ResolvePass(self._shared, self._target)
+        with Owner() as made:
+            self._shared = made.keep(PassResources(ctx, scene))
+            self.timer = self._shared.timer
+            self._frames = PictureFrames(scene, self._shared.scene.meshes.chunks)
+            self._builder = made.keep(ListBuilder(self._shared, self._frames))
+            self._target = made.keep(PictureTarget(ctx))
+            self._resolve_pass = ResolvePass(self._shared, self._target)
+            self._made = made.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -71,9 +74,7 @@ class ABuffer:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        self._target.release()
-        self._builder.release()
-        self._shared.release()
+        self._made.close()
 
     def render(
         self,
@@ -160,16 +161,18 @@ class ABuffer:
 
         Raises
         ------
-        CapacityError
+        CapacityError, LostFragmentsError
             As `render`.
         """
         width, height = check_size(size)
         frame = self._begin(camera, (width, height), settings, residuals=True)
         start = head_start(camera.rays(width / height), self._geometry.box)
-        for tile, _ in self._builder.built_tiles(frame, (width, height)):
-            yield decode_lists(
-                tile, (width, height), self._shared.pool.heads(tile), self._shared.pool.nodes(), start=start
-            )
+        pool = self._shared.pool
+        for tile, rasterised in self._builder.built_tiles(frame, (width, height)):
+            built = int(pool.counters()["node_count"])
+            lists = decode_lists(tile, (width, height), pool.heads(tile), pool.nodes()[:built], start=start)
+            self._check_whole(rasterised, built, len(lists.pixels))
+            yield lists
 
     def reach(self, camera: Camera, size: tuple[int, int], settings: RenderSettings) -> float:
         """How far apart crossings of one place may lie in the wrong order in a picture [world]; see `DetailChoice`."""
@@ -181,6 +184,7 @@ class ABuffer:
         """Make targets of the picture's size, choose what is drawn, and upload it."""
         self._target.resize(*size)
         self._builder.resize(size)
+        self._shared.pool.begin_picture(settings.fragment_budget_bytes)
         frame = self._frames.begin(camera, size, settings, residuals=residuals)
         self._upload(frame)
         return frame
@@ -197,16 +201,19 @@ class ABuffer:
                 meshes.upload(rows, residual)
         frame.streamed = not meshes.has(needed, residual)
 
+    def _check_whole(self, rasterised: int, built: int, found: int) -> None:
+        """Raise if the lists of a tile do not hold what the rasteriser counted."""
+        if not rasterised == built == found:
+            raise LostFragmentsError(
+                f"{rasterised} fragments were rasterised, {built} stored and {found} found in the lists. "
+                f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
+            )
+
     def _account(self, rasterised: int, statistics: FrameStatistics) -> None:
         """Add a tile's counters; raise if its lists lack fragments."""
         counters = self._shared.pool.counters()
-        walked, built = int(counters["walked_count"]), int(counters["node_count"])
-        lost = max(abs(rasterised - walked), abs(built - walked))
-        if lost:
-            raise LostFragmentsError(
-                f"{rasterised} fragments were rasterised, {built} stored and {walked} found in the lists. "
-                f"The driver {self._ctx.info['GL_RENDERER']!r} lost some; see `isosample doctor`."
-            )
+        walked = int(counters["walked_count"])
+        self._check_whole(rasterised, int(counters["node_count"]), walked)
         unfinished = int(counters["unfinished_rays"])
         if unfinished:
             raise LostFragmentsError(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from isosample.volume.grid import F64
     from isosample.volume.macrocells import MacrocellGrid
 
+TEXEL_BYTES = 4
 LEAP_BITS = int(shared_constants()["LEAP_BITS"])
 
 
@@ -29,6 +31,11 @@ class DeviceMacrocells:
         Whether macrocells are skipped, and whether their steps are adapted.
     intervals : (N, 2) float64
         Closed intervals of the values that can be seen [data units].
+
+    Raises
+    ------
+    CapacityError
+        If the driver has no room for them.
     """
 
     def __init__(
@@ -37,7 +44,8 @@ class DeviceMacrocells:
         self._grid = grid
         self._settings = settings
         z, y, x = grid.low.shape
-        self._texture = ctx.texture3d((x, y, z), 1, dtype="u4")
+        room = (f"{x} x {y} x {z} macrocells", TEXEL_BYTES * x * y * z, "Ask for fewer with --macrocells.")
+        self._texture = with_room(ctx, ctx.texture3d((x, y, z), 1, dtype="u4"), *room)
         self._texture.filter = (ctx.NEAREST, ctx.NEAREST)
         self._texture.repeat_x = self._texture.repeat_y = self._texture.repeat_z = False
         self.occupied = 0
@@ -64,6 +72,10 @@ class DeviceMacrocells:
     def fill(self, block: np.void) -> None:
         """Fill in the members of a struct Raycast that say how the volume is divided."""
         block["macrocells"] = (*self._grid.low.shape[::-1], self._grid.cells)
+
+    def samplers(self) -> dict[str, str]:
+        """Type of the texture by its name in the shaders."""
+        return {"macrocells": "usampler3D"}
 
     def bind(self) -> None:
         """Bind the texture."""

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import CapacityError
+from isosample.gl.memory import with_room
+from isosample.gl.ownership import Owner
 from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
 from isosample.rendering.mesh_batch import Batch
 from isosample.tally import MESH_UPLOADS, tally
@@ -28,6 +30,7 @@ RESIDUAL_BYTES = 4
 STAGED_BYTES = 16 << 20  # pieces that are put together before one call uploads them
 LARGEST_DRAW = 2**31 - 1  # indices that one draw can name
 FLAT, CURVED = 0, 1  # columns of the residuals
+REMEDY = "Give a smaller --mesh-budget (RenderSettings.mesh_budget_bytes)."
 
 
 @dataclass(slots=True)
@@ -114,13 +117,24 @@ class DeviceMeshes:
         self._resident = None
 
     def upload(self, rows: I64, residual: int | None) -> Batch:
-        """Put pieces on the GPU, after what is there was freed."""
+        """Put pieces on the GPU, after what is there was freed.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room for them.
+        CacheError
+            If a stored piece is damaged.
+        """
         self.release()
         tally(MESH_UPLOADS)
         size = int(bytes_of(self.chunks[rows], residual).sum())
         whole = len(rows) == len(self.chunks) and self._scene.source is None
-        upload = self._upload_arrays if whole else self._upload_pieces
-        self._resident = upload(rows, residual, size)
+        fill = self._fill_with_arrays if whole else self._fill_with_pieces
+        with Owner() as made:
+            buffers, starts = fill(made, rows, residual)
+            self._resident = Batch(self._ctx, self.chunks, rows, starts, buffers, residual, size)
+            made.pop_all()  # the batch has them
         self.uploads.batches += 1
         self.uploads.bytes += size
         self.uploads.largest_bytes = max(self.uploads.largest_bytes, size)
@@ -156,25 +170,30 @@ class DeviceMeshes:
         if len(rows) > first:
             yield rows[first:]
 
-    def _upload_arrays(self, rows: I64, residual: int | None, size: int) -> Batch:
-        """All arrays of the scene as they are."""
+    def _fill_with_arrays(
+        self, made: Owner, rows: I64, residual: int | None
+    ) -> tuple[list[moderngl.Buffer], I64]:
+        """All arrays of the scene as they are; with the first index of each of the rows."""
         scene = self._scene
         arrays: list[npt.NDArray[np.generic]] = [scene.vertices, scene.indices]
         if residual is not None:
             arrays.append(np.ascontiguousarray(scene.residuals[:, residual]))
         buffers = [
-            self._ctx.buffer(a) if a.size else self._ctx.buffer(reserve=a.dtype.itemsize) for a in arrays
+            made.keep(self._room_for(a.nbytes, self._ctx.buffer(a)) if a.size else self._reserved(0))
+            for a in arrays
         ]
-        return Batch(self._ctx, self.chunks, rows, self.chunks["first_index"], buffers, residual, size)
+        return buffers, self.chunks["first_index"][rows]
 
-    def _upload_pieces(self, rows: I64, residual: int | None, size: int) -> Batch:
-        """Pieces one after the other, in whatever order their source has them."""
+    def _fill_with_pieces(
+        self, made: Owner, rows: I64, residual: int | None
+    ) -> tuple[list[moderngl.Buffer], I64]:
+        """Pieces one after the other, in whatever order their source has them; otherwise as `_fill_with_arrays`."""
         counts = self.chunks["index_count"][rows]
         vertex_bytes = int(self.chunks["vertex_count"][rows].sum()) * VERTEX_DTYPE.itemsize
         sizes = [vertex_bytes, INDEX_BYTES * int(counts.sum())]
         if residual is not None:
             sizes.append(vertex_bytes // VERTEX_DTYPE.itemsize * RESIDUAL_BYTES)
-        streams = [_Upload(self._ctx.buffer(reserve=max(n, INDEX_BYTES))) for n in sizes]
+        streams = [_Upload(made.keep(self._reserved(n))) for n in sizes]
         vertex = 0
         for piece in self._source.load(self.chunks[rows]):
             streams[0].append(piece.vertices)
@@ -184,9 +203,14 @@ class DeviceMeshes:
             vertex += len(piece.vertices)
         for stream in streams:
             stream.flush()
-        starts = np.cumsum(counts) - counts
-        buffers = [stream.buffer for stream in streams]
-        return Batch(self._ctx, self.chunks, rows, starts, buffers, residual, size)
+        return [stream.buffer for stream in streams], np.cumsum(counts) - counts
+
+    def _reserved(self, size: int) -> moderngl.Buffer:
+        """Buffer of so many bytes, or of a few: OpenGL has no empty buffers."""
+        return self._room_for(size, self._ctx.buffer(reserve=max(size, VERTEX_DTYPE.itemsize)))
+
+    def _room_for(self, size: int, buffer: moderngl.Buffer) -> moderngl.Buffer:
+        return with_room(self._ctx, buffer, "meshes", size, REMEDY)
 
 
 class _Upload:

@@ -9,9 +9,11 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import drawing_into, limits
+from isosample.gl.memory import with_room
+from isosample.gl.ownership import Owner
 from isosample.rendering.device_meshes import CURVED, FLAT, DeviceMeshes
 from isosample.rendering.frame import shared_constants, storage_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 
+REMEDY = "Crop the volume, or use fewer isovalues."
 PADDING = {"start": "3x4", "face": "1x4", "values": "4x4"}  # of a member that a program does not read
 
 
@@ -37,21 +40,20 @@ class DeviceScene:
     Raises
     ------
     CapacityError
-        If the scene has more levels or larger tables than the device takes.
+        If the scene has more levels or larger tables than the device takes, or has room for.
     """
 
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         _check_tables(scene, limits(ctx).storage_block_bytes, ctx.info["GL_RENDERER"])
         self._ctx = ctx
-        self.meshes = DeviceMeshes(ctx, scene)
-        self._mask = None if scene.mask is None else ctx.buffer(_at_least_one(scene.mask))
         self._mask_count = 0 if scene.mask is None else len(scene.mask)
-        self._tables = {
-            "Bands": ctx.buffer(_band_table(scene)),
-            "Levels": ctx.buffer(_at_least_one(scene.level_optics)),
-            "Boundary": ctx.buffer(_at_least_one(scene.boundary)),
-        }
         self._mask_arrays: dict[int, moderngl.VertexArray] = {}
+        tables = {"Bands": _band_table(scene), "Levels": scene.level_optics, "Boundary": scene.boundary}
+        with Owner() as made:
+            self.meshes = made.keep(DeviceMeshes(ctx, scene))
+            self._mask = None if scene.mask is None else made.keep(_table(ctx, scene.mask))
+            self._tables = {name: made.keep(_table(ctx, table)) for name, table in tables.items()}
+            self._made = made.pop_all()
         # Of the resolve pass: what no pixel needs is not compiled.
         self.constants = {
             "SMOOTH_FACES": int(scene.face_kernel is not None),
@@ -119,13 +121,10 @@ class DeviceScene:
 
     def release(self) -> None:
         """Free every buffer."""
-        self.meshes.release()
         for vertex_array in self._mask_arrays.values():
             vertex_array.release()
-        for buffer in (self._mask, *self._tables.values()):
-            if buffer is not None:
-                buffer.release()
-        self._mask_arrays, self._tables = {}, {}
+        self._mask_arrays = {}
+        self._made.close()
 
     def _mask_vertex_array(self, program: moderngl.Program) -> moderngl.VertexArray:
         key = id(program)
@@ -166,6 +165,7 @@ def _band_table(scene: Scene) -> npt.NDArray[np.void]:
     return table
 
 
-def _at_least_one(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The array, or one zero element in place of an empty one: OpenGL has no empty buffers."""
-    return array if array.size else np.zeros(1, dtype=array.dtype)
+def _table(ctx: moderngl.Context, array: npt.NDArray[Any]) -> moderngl.Buffer:
+    """Buffer of an array, or of one zero element in place of an empty one: OpenGL has no empty buffers."""
+    content = array if array.size else np.zeros(1, dtype=array.dtype)
+    return with_room(ctx, ctx.buffer(content), "a table of the scene", content.nbytes, REMEDY)

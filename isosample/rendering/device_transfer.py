@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError
 from isosample.gl.context import limits
+from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import (
     Classification,
@@ -21,6 +22,7 @@ from isosample.rendering.raycast_settings import (
 )
 from isosample.rendering.transfer_texture import (
     has_few_bands,
+    looked_up_intervals,
     shown_peaks,
     transfer_texels,
     visible_intervals,
@@ -40,6 +42,13 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
     U16 = npt.NDArray[np.uint16]
 
+SAMPLERS = {"TRANSFER": ("transfer", "sampler2D"), "PEAK_TABLE": ("peak_table", "usampler2D")}
+TABLE_SAMPLERS = {
+    Integration.TABLE_1D: ("integrals", "sampler2D"),
+    Integration.TABLE_2D: ("length_table", "sampler2D"),
+    Integration.TABLE_3D: ("length_tables", "sampler3D"),
+}
+REMEDY = "Use a smaller --table-size or --peak-bins."
 METHODS = {
     Classification.POST_CLASSIFIED: 0,
     Classification.PRE_INTEGRATED: 1,
@@ -89,6 +98,10 @@ class DeviceTransfer:
         self._bands = ValueBands.of(transfer_function, scale.low, scale.inverse_width)
         self._few_bands = has_few_bands(self._bands)
         self._intervals = visible_intervals(transfer_function, isosurfaces=self._shows_isosurfaces)
+        cells = lookup_cells(settings)
+        if cells is not None:
+            means = _integrates(settings, Integration.TABLE_1D)
+            self._intervals = looked_up_intervals(self._intervals, scale, cells, whole_cells=means)
         hidden = 0 if self._shows_isosurfaces else len(transfer_function.isosurfaces)
         self.not_shown = {"isosurfaces": hidden} if hidden else {}
         finds = settings.classification is Classification.PEAK_FINDING
@@ -105,6 +118,12 @@ class DeviceTransfer:
         """Bind what the programs with `constants` read."""
         for name, texture in self._textures.items():
             texture.use(shared_constants()[f"UNIT_{name}"])
+
+    def samplers(self) -> dict[str, str]:
+        """Types of the textures by their names in the shaders."""
+        table = TABLE_SAMPLERS.get(self._settings.integration, ("", ""))
+        named = {**SAMPLERS, "PRE_INTEGRATION": table}
+        return dict(named[unit] for unit in self._textures)
 
     def _tables(self) -> dict[str, Floats | U16]:
         """Texels of the textures that the method reads, by the names of their units."""
@@ -141,13 +160,18 @@ class DeviceTransfer:
     def fill(self, block: np.void) -> None:
         """Fill in the members of a struct Raycast that tell of the transfer function."""
         block["band_count"] = len(self._bands.ends)
+        lowest = self._bands.evaluate(0.0)
+        block["lowest"] = (*(lowest[:3] * lowest[3]), lowest[3])
         block["root_iterations"] = self._settings.root_iterations
         lengths = table_lengths(self._settings, self._base_length)
         block["table_layers"], block["table_length"] = len(lengths), lengths[0]
         block["table_ratio"] = np.log(lengths[1] / lengths[0]) if len(lengths) > 1 else 0.0
 
     def visible_intervals(self) -> F64:
-        """(N, 2) float64, closed intervals of data values that can be seen, isosurfaces as points; ascending."""
+        """(N, 2) float64, closed intervals of data values at which something is seen; ascending by their lower ends.
+
+        Isosurfaces are points; where values are looked up in a table, all are wider by a part of its cells.
+        """
         return self._intervals
 
     def release(self) -> None:
@@ -162,6 +186,24 @@ class DeviceTransfer:
             return self._settings.peak_mode is not PeakMode.DVR_ONLY
         integrates = self._settings.classification is Classification.PRE_INTEGRATED
         return integrates and self._settings.integration is not Integration.TABLE_1D
+
+
+def lookup_cells(settings: RaycastSettings) -> int | None:
+    """Cells, over the volume's range, of the table in which a method looks values up; None where it needs none."""
+    width = shared_constants()["BAND_START_COUNT"]
+    if _integrates(settings, Integration.TABLE_1D):
+        return shared_constants()["INTEGRAL_ROWS"] * width // 3
+    if _integrates(settings, Integration.TABLE_2D, Integration.TABLE_3D):
+        return settings.table_size - 1
+    sampled = settings.transfer_lookup is TransferLookup.TEXTURE
+    if sampled and settings.classification is not Classification.PRE_INTEGRATED:
+        return shared_constants()["SAMPLED_ROWS"] * width - 1
+    return None
+
+
+def _integrates(settings: RaycastSettings, *tables: Integration) -> bool:
+    """Whether a method pre-integrates, by one of these tables."""
+    return settings.classification is Classification.PRE_INTEGRATED and settings.integration in tables
 
 
 def table_lengths(settings: RaycastSettings, base_length: float) -> F64:
@@ -200,17 +242,18 @@ def new_texture(ctx: moderngl.Context, texels: Floats | U16) -> moderngl.Texture
     Raises
     ------
     CapacityError
-        If the driver's textures are smaller.
+        If the driver's textures are smaller, or it has no room.
     """
     deep = texels.ndim == 4
     largest = limits(ctx).texture_3d_size if deep else limits(ctx).texture_size
     size = texels.shape[-2::-1]
+    table = f"a table of {' x '.join(map(str, size))} entries"
     if max(size) > largest:
-        raise CapacityError(
-            f"a table of {' x '.join(map(str, size))} entries is larger than this driver's textures, {largest}; use "
-            "a smaller --table-size or --peak-bins."
-        )
+        raise CapacityError(f"{table} is larger than this driver's textures, {largest}. {REMEDY}")
     kind = f"{texels.dtype.kind}{texels.dtype.itemsize}"
-    texture = (ctx.texture3d if deep else ctx.texture)(size, 4, np.ascontiguousarray(texels), dtype=kind)
+    make = ctx.texture3d if deep else ctx.texture
+    texture = with_room(
+        ctx, make(size, 4, np.ascontiguousarray(texels), dtype=kind), table, texels.nbytes, REMEDY
+    )
     texture.filter = (ctx.NEAREST, ctx.NEAREST)
     return texture

@@ -8,6 +8,7 @@ import numpy as np
 
 from isosample.errors import CapacityError
 from isosample.gl.context import limits
+from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.raycast_settings import Filtering
 from isosample.tally import VOLUME_UPLOADS, tally
@@ -51,7 +52,7 @@ class DeviceVolume:
     Raises
     ------
     CapacityError
-        If the driver takes no texture of that size.
+        If the driver takes no texture of that size, or has no room for it.
     InputError
         If the reconstruction is smooth and the volume has no such spline.
 
@@ -83,11 +84,12 @@ class DeviceVolume:
         hardware = HARDWARE_TRIPLES if negative else HARDWARE_PAIRS
         self._filtering = SHADER if layered else hardware
         tally(VOLUME_UPLOADS)
-        self._texture = _new_texture(ctx, (x, y, z), layered=layered)
+        room = (f"a texture of {x} x {y} x {z} samples", 4 * x * y * z, REMEDY)
+        self._texture = with_room(ctx, _new_texture(ctx, (x, y, z), layered=layered), *room)
         try:
             for z_start, block in _layers(volume if spline is None else spline, scale):
                 self._texture.write(block, (0, 0, z_start, x, y, len(block)))
-            _check_memory(ctx, (x, y, z))
+            with_room(ctx, self._texture, *room)  # some drivers look for it when it is filled
         except BaseException:
             self.release()
             raise
@@ -95,6 +97,10 @@ class DeviceVolume:
     def bind(self) -> None:
         """Bind the texture to its unit."""
         self._texture.use(shared_constants()["UNIT_VOLUME"])
+
+    def samplers(self) -> dict[str, str]:
+        """Type of the texture by its name in the shaders."""
+        return {"volume": "sampler2DArray" if self._filtering == SHADER else "sampler3D"}
 
     def constants(self) -> dict[str, int]:
         """Compile-time constants of ``shaders/pass/field.glsl``."""
@@ -150,14 +156,3 @@ def _new_texture(
     kind = ctx.NEAREST if layered else ctx.LINEAR
     texture.filter = (kind, kind)
     return texture
-
-
-def _check_memory(ctx: moderngl.Context, size: tuple[int, int, int]) -> None:
-    """Raise a `CapacityError` where the driver had no room."""
-    error = ctx.error
-    if error != "GL_NO_ERROR":
-        x, y, z = size
-        raise CapacityError(
-            f"{ctx.info['GL_RENDERER']} has no room for a texture of {x} x {y} x {z} samples, {4 * x * y * z} bytes "
-            f"({error}). {REMEDY}"
-        )

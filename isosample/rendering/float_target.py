@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from isosample.gl.memory import with_room
+
 if TYPE_CHECKING:
     import moderngl
+
+
+COMPONENT_BYTES = 4
 
 
 class FloatTarget:
@@ -42,11 +47,23 @@ class FloatTarget:
         return self._framebuffer
 
     def resize(self, size: tuple[int, int]) -> None:
-        """Make the target (width, height) large."""
+        """Make the target (width, height) large.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room for it.
+        """
         if self.size == size:
             return
         self.release()
-        self._texture = self._ctx.texture(size, self._components, dtype="f4")
+        width, height = size
+        room = (
+            f"a picture of {width} x {height} pixels",
+            COMPONENT_BYTES * self._components * width * height,
+        )
+        texture = self._ctx.texture(size, self._components, dtype="f4")
+        self._texture = with_room(self._ctx, texture, *room, "Ask for a smaller one.")
         self._texture.filter = (self._ctx.NEAREST, self._ctx.NEAREST)
         self._framebuffer = self._ctx.framebuffer([self._texture])
 

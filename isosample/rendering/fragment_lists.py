@@ -63,17 +63,17 @@ def decode_lists(
     heads : (tile.height · tile.width,) uint32
         First node of every pixel's list, rows counted upwards.
     nodes : (M,) struct Node of ``shaders/lib/layouts.glsl``
-        Built with RESIDUAL.
+        All that the lists hold, built with RESIDUAL. A list that leads out of them is cut there, and one that leads in
+        circles stops the search: other than M fragments are then found.
     start : float
         Distance from the eye at which the distances of the nodes begin [world].
     """
-    end = shared_constants()["LIST_END"]
     y, x = np.divmod(np.arange(len(heads)), tile.width)
     pixels = (size[1] - 1 - tile.y - y) * size[0] + tile.x + x
     covered, current = np.sort(pixels), heads.astype(np.int64)
-    found_pixels, found_nodes = [], []
-    while len(current := current[alive := current != end]):
-        pixels = pixels[alive]
+    found_pixels, found_nodes, left = [], [], len(nodes)
+    while left >= 0 and len(current := current[alive := current < len(nodes)]):
+        pixels, left = pixels[alive], left - len(current)
         found_pixels.append(pixels)
         found_nodes.append(current)
         current = nodes["next_index"][current].astype(np.int64)

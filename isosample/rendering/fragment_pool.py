@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.gl.context import limits
+from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants, storage_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 from isosample.tally import POOLS, tally
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ HEAD_BYTES = 4
 ROOM = 1.25  # nodes asked for over those that are needed: other views of the scene then find room, too
 LIST_END_BYTES = b"\xff\xff\xff\xff"
 ZERO_BYTES = b"\0\0\0\0"
+REMEDY = "Ask for a smaller picture, or give RenderSettings a smaller fragment_budget_bytes."
 
 
 def row_bytes() -> int:
@@ -50,6 +52,11 @@ class FragmentPool:
                 buffer.release()
         self._nodes = self._heads = None
 
+    def begin_picture(self, budget_bytes: int) -> None:
+        """Free the nodes if they exceed the budget of the picture that follows."""
+        if self.size_bytes > budget_bytes:
+            self._free_nodes()
+
     @property
     def max_pixels(self) -> int:
         """Pixels whose list heads fit one storage block."""
@@ -77,15 +84,21 @@ class FragmentPool:
         -------
         fits : bool
             Whether that is all of them.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room for what the budget allows.
         """
         row = shared_constants()["NODE_ROW"]
         largest = min(self._most_rows, budget_bytes // row_bytes())
         if min(max(node_count, 1), largest * row) > self.capacity:
-            if self._nodes is not None:
-                self._nodes.release()
+            self._free_nodes()
             tally(POOLS)
             rows = min(max(-(-int(ROOM * node_count) // row), 1), largest)
-            self._nodes = self._ctx.texture((row, rows), 4, dtype="u4")
+            nodes = self._ctx.texture((row, rows), 4, dtype="u4")
+            room = (f"{row * rows} nodes of fragment lists", rows * row_bytes(), REMEDY)
+            self._nodes = with_room(self._ctx, nodes, *room)
         return node_count <= largest * row
 
     def fill(self, budget_bytes: int) -> None:
@@ -124,10 +137,17 @@ class FragmentPool:
         counters: np.void = np.frombuffer(self._counters.read(), dtype=storage_dtype("Counters"))[0]
         return counters
 
+    def _free_nodes(self) -> None:
+        if self._nodes is not None:
+            self._nodes.release()
+        self._nodes = None
+
     def _fill_heads(self, tile: Tile, pattern: bytes) -> None:
         needed = HEAD_BYTES * tile.pixel_count
         if self._heads is None or self._heads.size < needed:
             if self._heads is not None:
                 self._heads.release()
-            self._heads = self._ctx.buffer(reserve=needed)
+            self._heads = None
+            room = (f"the list heads of {tile.pixel_count} pixels", needed, REMEDY)
+            self._heads = with_room(self._ctx, self._ctx.buffer(reserve=needed), *room)
         self._heads.clear(size=needed, chunk=pattern)

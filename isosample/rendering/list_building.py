@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.gl.context import limits
+from isosample.rendering.supplies import mask_supply, mesh_supply
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 
 if TYPE_CHECKING:
@@ -129,10 +130,12 @@ class ListBuilder:
         """Rasterise the meshes without attachments; return the fragments by an occlusion query."""
         assert self._rasteriser is not None
         programs = self._shared.programs
-        program = programs.graphics("build.vert", fragment, **constants)
+        program = programs.graphics("build.vert", fragment, mesh_supply(), **constants)
         mask_program = None
         if self._shared.scene.has_mask:
-            mask_program = programs.graphics("build_mask.vert", mask_fragment, **mask_constants)
+            mask_program = programs.graphics(
+                "build_mask.vert", mask_fragment, mask_supply(), **mask_constants
+            )
         passes = self._frames.tile_passes(frame, tile)
         budget = frame.settings.mesh_budget_bytes
         with self._query:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from isosample.gl.ownership import Owner
 from isosample.gl.timer import StageTimer
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_pool import FragmentPool
@@ -42,11 +43,13 @@ class PassResources:
     def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
         self.ctx = ctx
         self.timer = StageTimer(ctx)
-        self.programs = Programs(ctx)
-        with self.timer.stage("upload"):
-            self.scene = DeviceScene(ctx, scene)
-        self.pool = FragmentPool(ctx)
-        self._frame_buffer = ctx.buffer(reserve=uniform_dtype("Frame").itemsize)
+        with Owner() as made:
+            self.programs = made.keep(Programs(ctx))
+            with self.timer.stage("upload"):
+                self.scene = made.keep(DeviceScene(ctx, scene))
+            self.pool = made.keep(FragmentPool(ctx))
+            self._frame_buffer = made.keep(ctx.buffer(reserve=uniform_dtype("Frame").itemsize))
+            self._made = made.pop_all()
 
     def bind(self, tile: Tile, frame: PictureFrame) -> None:
         """Write the frame block and bind every buffer."""
@@ -58,7 +61,4 @@ class PassResources:
 
     def release(self) -> None:
         """Free everything on the GPU."""
-        self.scene.release()
-        self.programs.release()
-        self.pool.release()
-        self._frame_buffer.release()
+        self._made.close()

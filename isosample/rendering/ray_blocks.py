@@ -9,6 +9,7 @@ import moderngl
 from isosample.gl.context import drawing_into
 from isosample.rendering.float_target import FloatTarget
 from isosample.rendering.frame import shared_constants
+from isosample.rendering.supplies import ray_block_supply
 
 if TYPE_CHECKING:
     from isosample.rendering.picture_target import PictureTarget
@@ -32,7 +33,9 @@ class RayBlocks:
         """Find the spans of a picture of (width, height) pixels, and bind them; the caller has bound all else."""
         edge = shared_constants()["RAY_BLOCK"]
         self._spans.resize((-(-size[0] // edge), -(-size[1] // edge)))
-        screen = self._ctx.vertex_array(programs.graphics("screen.vert", "raycast_blocks.frag"), [])
+        screen = self._ctx.vertex_array(
+            programs.graphics("screen.vert", "raycast_blocks.frag", ray_block_supply()), []
+        )
         with drawing_into(self._ctx, self._spans.framebuffer):
             screen.render(vertices=3)
         screen.release()

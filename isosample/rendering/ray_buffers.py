@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.gl.ownership import Owner
 from isosample.rendering.frame import shared_constants, storage_dtype, uniform_dtype
-from isosample.rendering.programs import storage_bindings
+from isosample.rendering.supplies import storage_bindings
 
 if TYPE_CHECKING:
     import moderngl
@@ -26,17 +26,12 @@ class RayBuffers:
     """
 
     def __init__(self, ctx: moderngl.Context, ray_count: int) -> None:
-        with ExitStack() as made:
-
-            def buffer(size_bytes: int) -> moderngl.Buffer:
-                found = ctx.buffer(reserve=size_bytes)
-                made.callback(found.release)
-                return found
-
-            self._frame = buffer(uniform_dtype("Frame").itemsize)
-            self._raycast = buffer(uniform_dtype("Raycast").itemsize)
-            self._counters = buffer(storage_dtype("RayCounters").itemsize)
-            self._states = buffer(ray_count * storage_dtype("RayState").itemsize)
+        state_bytes = ray_count * storage_dtype("RayState").itemsize
+        with Owner() as made:
+            self._frame = made.keep(ctx.buffer(reserve=uniform_dtype("Frame").itemsize))
+            self._raycast = made.keep(ctx.buffer(reserve=uniform_dtype("Raycast").itemsize))
+            self._counters = made.keep(ctx.buffer(reserve=storage_dtype("RayCounters").itemsize))
+            self._states = made.keep(ctx.buffer(reserve=state_bytes))
             self._states.clear()
             self._made = made.pop_all()
 

@@ -151,8 +151,9 @@ class RaycastSettings:
     Raises
     ------
     InputError
-        If a number is out of range, or integrals over the value are asked for in half precision: what is read from them
-        are small differences.
+        If a number is out of range; if integrals over the value are asked for in half precision: what is read from them
+        are small differences; or if peaks are to stand in place of samples with the share of the integral, which holds
+        both.
     """
 
     classification: Classification = Classification.PRE_INTEGRATED
@@ -189,6 +190,11 @@ class RaycastSettings:
             raise InputError(
                 "table_dtype float16 goes with integration 2d and 3d, not 1d, from which small differences are read; "
                 "use float32."
+            )
+        if self.peak_mode is PeakMode.XOR and self.peak_weight is PeakWeight.INTEGRAL:
+            raise InputError(
+                "peak_mode xor goes with peak_weight paper, not integral, with which a peak holds its share of what "
+                "lies between the samples; use peak_mode both."
             )
         if self.jitter is not None:
             _check_whole("jitter", self.jitter, 0, 2**32 - 2)

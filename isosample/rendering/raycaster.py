@@ -6,7 +6,6 @@ Source: Knoll et al. 2009, "Volume ray casting with peak finding and differentia
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from isosample.defaults import DEFAULT_SIZE
 from isosample.gl.context import shared_context
+from isosample.gl.ownership import Owner
 from isosample.gl.timer import StageTimer
 from isosample.rendering.camera import Camera
 from isosample.rendering.device_macrocells import DeviceMacrocells
@@ -32,6 +32,7 @@ from isosample.rendering.raycast_settings import RaycastSettings
 from isosample.rendering.scene import ValueScale
 from isosample.rendering.settings import RenderSettings, ResolveStage, check_size
 from isosample.rendering.stage import resolve_stage
+from isosample.rendering.supplies import ray_supply
 from isosample.rendering.tiles import Tile, strips
 from isosample.surfaces.settings import ExtractionSettings, check_volume
 from isosample.transfer.transfer_function import TransferFunction, check_is_transfer_function
@@ -139,28 +140,24 @@ class RayCaster:
         grid = MacrocellGrid.build(volume, reconstruction, count, spline=spline, known=macrocells)
         self.timer = StageTimer(self._ctx)
         self.timer.seconds["prepare"] = time.perf_counter() - started
-        with ExitStack() as made:
-            self._programs = Programs(self._ctx)
-            made.callback(self._programs.release)
+        with Owner() as made:
+            self._programs = made.keep(Programs(self._ctx))
             with self.timer.stage("upload"):
-                self._volume = DeviceVolume(
-                    self._ctx, volume, self._scale, reconstruction, self._settings.filtering, spline=spline
+                filtering = self._settings.filtering
+                device = DeviceVolume(
+                    self._ctx, volume, self._scale, reconstruction, filtering, spline=spline
                 )
-                made.callback(self._volume.release)
+                self._volume = made.keep(device)
                 self._transfer_function = transfer_function or TransferFunction.suggest(volume)
                 self._transfer = self._device_transfer(self._transfer_function, self._settings)
                 made.callback(lambda: self._transfer.release())
-                self._macrocells = DeviceMacrocells(
-                    self._ctx, grid, self._settings, self._transfer.visible_intervals()
+                self._macrocells = made.keep(
+                    DeviceMacrocells(self._ctx, grid, self._settings, self._transfer.visible_intervals())
                 )
-                made.callback(self._macrocells.release)
-            self._buffers = RayBuffers(self._ctx, TILE_PIXELS)
-            made.callback(self._buffers.release)
+            self._buffers = made.keep(RayBuffers(self._ctx, TILE_PIXELS))
             self._tile_number = 0
-            self._blocks = RayBlocks(self._ctx)
-            made.callback(self._blocks.release)
-            self._target = PictureTarget(self._ctx)
-            made.callback(self._target.release)
+            self._blocks = made.keep(RayBlocks(self._ctx))
+            self._target = made.keep(PictureTarget(self._ctx))
             self._made = made.pop_all()
 
     def __enter__(self) -> Self:
@@ -259,10 +256,14 @@ class RayCaster:
         constants = self._volume.constants() | self._transfer.constants()
         constants |= {"ADAPTIVE": int(self._settings.adaptive), "BLOCKS": int(self._settings.skipping)}
         constants |= {"SHADING": int(settings.material is not None), "RESUMED": int(resumed)}
-        if resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE:
-            return self._programs.compute("raycast.comp", **constants)
+        samplers = self._volume.samplers() | self._transfer.samplers() | self._macrocells.samplers()
+        samplers |= {"spans": "sampler2D"} if self._settings.skipping else {}
+        compute = resolve_stage(self._ctx, settings.stage) is ResolveStage.COMPUTE
+        supply = ray_supply(samplers, compute=compute)
+        if compute:
+            return self._programs.compute("raycast.comp", supply, **constants)
         points = "ray_blocks.vert" if self._settings.skipping else "screen.vert"
-        return self._programs.graphics(points, "raycast.frag", **constants)
+        return self._programs.graphics(points, "raycast.frag", supply, **constants)
 
     def _raycast_block(self, camera: Camera, size: tuple[int, int]) -> npt.NDArray[np.void]:
         block = np.zeros(1, dtype=uniform_dtype("Raycast"))

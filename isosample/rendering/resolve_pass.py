@@ -12,6 +12,7 @@ from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import ResolveStage
 from isosample.rendering.stage import resolve_stage, work_groups
+from isosample.rendering.supplies import merge_supply, resolve_supply
 
 if TYPE_CHECKING:
     from isosample.rendering.pass_resources import PassResources
@@ -99,16 +100,18 @@ class ResolvePass:
             "SHADING": frame.shading,
             "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
         }
-        if resolve_stage(self._shared.ctx, frame.settings.stage) is ResolveStage.FRAGMENT:
+        stage = resolve_stage(self._shared.ctx, frame.settings.stage)
+        supply = resolve_supply(compute=stage is ResolveStage.COMPUTE)
+        if stage is ResolveStage.FRAGMENT:
             screen = "screen.vert" if first else "open_blocks.vert"
             takes = {} if first else {"TAKES": TAKEN[entry]}
-            program = self._shared.programs.graphics(screen, f"{entry}.frag", **takes, **constants)
+            program = self._shared.programs.graphics(screen, f"{entry}.frag", supply, **takes, **constants)
             if first:
                 self._target.fill(tile, program)
             else:
                 self._target.fill_blocks(tile, program, shared_constants()["RESOLVE_BLOCK"])
         else:
-            self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", **constants))
+            self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", supply, **constants))
         self._shared.ctx.memory_barrier()
 
     def _merge_long_lists(self, tile: Tile, longest: int) -> None:
@@ -118,7 +121,7 @@ class ResolvePass:
                 f"one pixel has {longest} fragments; at most {LONGEST_LIST} can be sorted. "
                 "Use fewer isovalues."
             )
-        program = self._shared.programs.compute("merge_lists.comp", SORT_CAPACITY=1)
+        program = self._shared.programs.compute("merge_lists.comp", merge_supply(), SORT_CAPACITY=1)
         run = 1
         while run < longest:
             program["run"] = run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isosample.gl.context import is_software
+from isosample.gl.context import suits_compute
 from isosample.rendering.settings import ResolveStage
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ WORK_GROUP = 8  # local size of the compute shaders
 
 
 def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
-    """The stage that runs a pass over the pixels: what is asked for, or by the renderer for AUTO."""
+    """The stage that runs a pass over the pixels: what is asked for, or what suits the renderer for AUTO."""
     if asked is not ResolveStage.AUTO:
         return asked
-    return ResolveStage.FRAGMENT if is_software(ctx) else ResolveStage.COMPUTE
+    return ResolveStage.COMPUTE if suits_compute(ctx) else ResolveStage.FRAGMENT
 
 
 def work_groups(tile: Tile) -> tuple[int, int]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
 
 TEXELS = ("OPTICS_LOW", "OPTICS_HIGH", "RANGE", "IMPULSE", "SHEET", "PEAK", "PEAK_PLACE")  # see layouts.glsl
+ROUNDING = 2.0**-20  # of a normalised value: 16 roundings of float32, of which an interpolation has 10
 LEAST_WIDTH = 1e-30  # of a band that has an inside; the inverse is a float32 number
 
 
@@ -136,3 +137,41 @@ def visible_intervals(transfer_function: TransferFunction, *, isosurfaces: bool)
     slopes = [(low, high) for low, high in slopes if low <= high]
     points = [(surface.value, surface.value) for surface in transfer_function.isosurfaces if isosurfaces]
     return np.array(sorted([*slopes, *points]), dtype=np.float64).reshape(-1, 2)
+
+
+def looked_up_intervals(intervals: F64, scale: ValueScale, cells: int, *, whole_cells: bool) -> F64:
+    """Intervals of values at which a lookup shows something.
+
+    Parameters
+    ----------
+    intervals : (N, 2) float64
+        Closed intervals of data values with extinction (`visible_intervals`).
+    scale : ValueScale
+        Of the volume.
+    cells : int
+        Of the table, between normalised values 0 and 1; values beyond are taken for these.
+    whole_cells : bool
+        False: the lookup interpolates between the ends of a cell, and shows nothing at an end where nothing is visible.
+        True: it takes the mean over a cell, lower end included, but that of the first one.
+
+    Returns
+    -------
+    seen : (N, 2) float64
+        Closed intervals that hold the given ones, and values whose float32 number may be off by `ROUNDING`.
+    """
+    low, high = scale.low, scale.high
+    if not low <= high:  # no sample is finite
+        return intervals
+    places = cells * scale.normalise(np.clip(intervals, low, high))
+    slack = cells * ROUNDING
+    first = np.floor(places[:, 0] - slack) if whole_cells else np.ceil(places[:, 0] - slack) - 1.0
+    last = np.floor(places[:, 1] + slack) + 1.0
+    width = 1.0 / scale.inverse_width
+    # Much of a volume may have its lowest value, which is 0 exactly: what is visible above it only does not reach it.
+    lower = np.maximum(low + width * (first / cells - ROUNDING), math.nextafter(low, math.inf))
+    upper = high + width * (last / cells - 1.0 + ROUNDING)
+    lower[intervals[:, 0] <= low] = -math.inf
+    upper[(last >= cells) if whole_cells else (intervals[:, 1] >= high)] = math.inf
+    meets = (intervals[:, 1] >= low) & (intervals[:, 0] <= high)
+    seen: F64 = np.where(meets[:, None], np.stack([lower, upper], axis=-1), intervals)
+    return seen

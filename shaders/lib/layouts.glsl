@@ -51,6 +51,7 @@ const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level i
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
 const uint DOMAIN_LEVEL = 0x7FFFu;       // Node.surface level of a fragment on the border of the valid cells
+const uint NO_NORMAL = 0x80008000u;      // where the gradient is zero, and at the ends of the box; no vector is packed as this
 const float LARGEST_HALF = 65504.0;      // of the slopes in the nodes: steeper is as steep
 const float LEAST_SHEET_SLOPE = 1e-6;    // |df/dt| times the box radius: a sheet is met no more slowly than that
 const int MAX_CLIP_PLANES = 8;
@@ -62,7 +63,7 @@ struct Node {
     uint next_index;                     // next node of this pixel's list, or LIST_END
     float distance;                      // along the unit ray direction, from the ray's origin [world]
     uint surface;                        // level, rising bit, and |df/dt| times the box radius as a half float (high 16 bits)
-    uint normal;                         // octahedral unit normal, 2 x 16 bits; on DOMAIN_LEVEL the value's float bits
+    uint normal;                         // octahedral unit normal, 2 x 16 bits, or NO_NORMAL; on DOMAIN_LEVEL the value's float bits
                                          // (and its tolerance in place of the slope)
 };
 
@@ -139,6 +140,7 @@ struct Raycast {
     int band_count;
     ivec4 macrocells;    // macrocells along x, y, z; w: cells along an edge of one
     vec4 kernel[4];      // smooth reconstructions: weight of each of 4 taps, a cubic of the fraction
+    vec4 lowest;         // premultiplied colour and extinction at the volume's lowest value [1/world]
     float step;          // first step along a ray [world]
     float differential;  // 1: steps grow with the distance from the eye; 0: they do not
     int root_iterations; // secant steps
@@ -159,6 +161,7 @@ struct RayState {
     uint tile_number;    // of the tile whose ray goes on from here; 0: none does
 };
 
+// What one call counted, over all rays of a tile.
 struct RayCounters {
     uint samples;        // field evaluations of the sampling, gradients not counted
     uint roots;          // field evaluations of root finding
@@ -166,6 +169,6 @@ struct RayCounters {
     uint skipped;        // leaps over empty macrocells
     uint terminated_rays; // ended behind an opaque front
     uint unfinished_rays; // have to go on in another call
-    uint most_samples;   // of one ray
+    uint most_samples;   // of one ray that has ended, in all its calls
     uint crossings;      // of peaks and isosurfaces, composited
 };

@@ -8,7 +8,7 @@ vec2 octahedral_fold(vec2 p) {
 
 // Packs a unit vector. Rounding to 1/32767 moves p by e = 0.5 / 32767 along x and y at most, so the point of the
 // octahedron by (e, e, -2e), length sqrt(6) e, at 1/sqrt(3) or more from the centre: 3 sqrt(2) e = 6.48e-5 rad, and
-// float32 roundings add 2e-6.
+// float32 roundings add 2e-6. packSnorm2x16 never makes -32768 of a number: NO_NORMAL is the code of none.
 uint pack_normal(vec3 n) {
     float norm = abs(n.x) + abs(n.y) + abs(n.z);
     vec2 p = n.xy / max(norm, 1e-30);

@@ -49,7 +49,7 @@ void step_through(Node node) {
 // Leaves the box.
 void step_out(float distance, float value) {
     Band band = current_band();
-    advance(max(distance, walk.distance), band_position(band.value_low, band.inverse_width, value), UNKNOWN_SLOPE, 0u);
+    advance(max(distance, walk.distance), band_position(band.value_low, band.inverse_width, value), UNKNOWN_SLOPE, NO_NORMAL);
 }
 
 // Resolves a pixel with the list that begins at `head`; false, with nothing counted, if it is too long or not balanced.

@@ -41,7 +41,7 @@ bool walk_chain(uint length, vec2 inside, vec2 values) {
             band = current_band();
             position = band_position(band.value_low, band.inverse_width, values.y);
         }
-        advance(distance, position, leaving ? UNKNOWN_SLOPE : (rising ? slope : -slope), leaving ? 0u : node.normal);
+        advance(distance, position, leaving ? UNKNOWN_SLOPE : (rising ? slope : -slope), leaving ? NO_NORMAL : node.normal);
         if (!leaving) {
             composite_level(int(node.surface & LEVEL_MASK), slope, node.normal);
             walk.band += rising ? 1 : -1;

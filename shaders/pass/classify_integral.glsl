@@ -27,6 +27,7 @@ Known known_at(float value) {
     vec4 before = textureLod(integrals, place, 0.0);
     vec4 lost = textureLod(integrals, place + vec2(0.0, 1.0 / 3.0), 0.0);
     vec4 mean = textureLod(integrals, place + vec2(0.0, 2.0 / 3.0), 0.0);
+    mean = shown > 0.0 ? mean : raycast.lowest;             // much of a volume may have this value: air at the foot of a ramp is empty
     return Known(shown, before, lost + (shown - float(cell) / float(INTEGRAL_CELLS)) * mean, mean);
 }
 

@@ -149,6 +149,7 @@ bool cubic_in(ivec3 cell, bool ends, inout CellPart part, out bool masked) {
     vec3 high = clamp(ray_at(part.end) - vec3(cell), 0.0, 1.0);
     part.cubic = cubic_between(near, far, low, high);
 #else
+    spent_loops += 3;                     // no loops, but as many values of the field
     float third = (part.end - part.start) / 3.0;
     float back = ends ? known.y : ray_value(part.end);
     part.cubic = vec4(known.x, ray_value(part.start + third), ray_value(part.end - third), back);

@@ -21,6 +21,7 @@ float secant_root(Stretch stretch, float value) {
     vec2 near = vec2(stretch.start, stretch.front - value);
     vec2 far = vec2(stretch.end, stretch.back - value);
     for (int i = 1; i < raycast.root_iterations; ++i) {
+        ++spent_loops;
         float place = near.x - near.y * (far.x - near.x) / (far.y - near.y);
         vec2 between = vec2(place, ray_value(place) - value);
         if ((between.y < 0.0) == (near.y < 0.0)) near = between;

@@ -12,6 +12,7 @@ layout(binding = UNIT_SPANS) uniform sampler2D spans;
 #endif
 
 const float FAR = 1e30;
+const int NOT_SAMPLED = int(0x80000000u);  // no sample's number: shifted ones begin at -1
 
 // One ray of the picture.
 struct Ray {
@@ -31,7 +32,7 @@ struct Ray {
     float shift;                          // of the samples, in steps
     vec3 radiance;
     float transmittance;
-    int sampled;                          // number of the last sample
+    int sampled;                          // number of the last sample, or NOT_SAMPLED
     float value;                          // and the field there
     uint samples;
     uint roots;
@@ -120,7 +121,7 @@ void begin_ray(ivec2 pixel) {
     ray.shift = raycast.jitter_seed == 0u ? 0.0 : pixel_noise(uvec2(pixel), raycast.jitter_seed);
     ray.radiance = vec3(0.0);
     ray.transmittance = 1.0;
-    ray.sampled = -1;
+    ray.sampled = NOT_SAMPLED;
     ray.samples = 0u;
     ray.roots = 0u;
     ray.crossings = 0u;
@@ -136,15 +137,18 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
 #endif
     begin_ray(pixel);
     bool ended = true;
+    uint counted = 0u;                    // samples of the calls before: one call's sums fit 32 bits, those of a ray may not
     if (ray.start < ray.end && ray.seen.x < ray.seen.y) {
 #if RESUMED
         March state = resumed_march(states[place]);
+        counted = ray.samples;
 #else
         March state = fresh_march();
 #endif
         ended = march_on(state);
         if (!ended) states[place] = state_of(state);
     }
+    if (ray.samples > counted) atomicAdd(counters.samples, ray.samples - counted);
     if (ray.roots > 0u) atomicAdd(counters.roots, ray.roots);
     if (ray.crossings > 0u) atomicAdd(counters.crossings, ray.crossings);
     if (!ended) {
@@ -154,10 +158,7 @@ bool raycast_pixel(ivec2 pixel, out vec4 color) {
 #if RESUMED
     states[place].tile_number = 0u;
 #endif
-    if (ray.samples > 0u) {
-        atomicAdd(counters.samples, ray.samples);
-        if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
-    }
+    if (ray.samples > counters.most_samples) atomicMax(counters.most_samples, ray.samples);
     color = vec4(ray.radiance, 1.0 - ray.transmittance) + ray.transmittance * frame.background;
     return true;
 }

@@ -85,7 +85,7 @@ Node take_next() {
 #if SHADING
     return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], sorted_normals[place]);
 #else
-    return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], 0u);
+    return Node(LIST_END, sorted_distances[place], sorted_surfaces[place], NO_NORMAL);
 #endif
 }
 #endif

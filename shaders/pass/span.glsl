@@ -39,7 +39,7 @@ void step_to(Node node) {
         float distance = back.distance;
         float position = end_towards(crossed);
         float slope = arrived ? back.slope : UNKNOWN_SLOPE;
-        uint normal = domain ? 0u : node.normal;
+        uint normal = domain ? NO_NORMAL : node.normal;
         if (!arrived) {
             distance = place_of(crossed, upwards, front, back);
             normal = walk.normal;

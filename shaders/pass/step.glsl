@@ -11,7 +11,7 @@ void enter(Node node) {
     walk.band = band_of(value);
     walk.position = band_position(bands[walk.band].value_low, bands[walk.band].inverse_width, value);
     walk.slope = UNKNOWN_SLOPE;
-    walk.normal = 0u;
+    walk.normal = NO_NORMAL;
 }
 
 // True for a crossing that a balanced walk passes over: where a ray hardly touches a surface, its two crossings may stand

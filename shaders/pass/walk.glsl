@@ -18,23 +18,26 @@ struct Walk {
     bool leave_by_value;                  // the exit's value, not the surfaces, tells in which band the ray leaves
     int ahead;                            // bands by which crossings came too soon, see band_at
     int debt;                             // falling less rising crossings that were passed over, see passes_over
-    uint normal;                          // packed normal at the front end; 0: none
+    uint normal;                          // packed normal at the front end, or NO_NORMAL
     uint violations, reordered, unplaced, saturated;
 };
 
 Walk walk;
 
 Walk fresh_walk() {
-    return Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, UNKNOWN_SLOPE, 0, false, false, false, 0, 0, 0u, 0u, 0u, 0u, 0u);
+    return Walk(vec3(0.0), 1.0, 0.0, 0.0, 0.0, 0.0, UNKNOWN_SLOPE, 0, false, false, false, 0, 0, NO_NORMAL, 0u, 0u, 0u, 0u);
 }
 
+// Whether one of two ends of a segment has a normal at least.
+bool has_normal(uint front, uint back) { return front != NO_NORMAL || back != NO_NORMAL; }
+
 // Normal at a part of the way between two crossings, so that the light does not jump where a cut passes a crossing; that
-// of the other end where the box has none (0). Zero where both have none, or where the two cancel.
+// of the other end where one has none. Zero where both have none, or where the two cancel.
 vec3 normal_between(uint front, uint back, float part) {
 #if SHADING
-    vec3 first = unpack_normal(front != 0u ? front : back);
-    vec3 last = unpack_normal(back != 0u ? back : front);
-    vec3 mixed = (front | back) != 0u ? mix(first, last, part) : vec3(0.0);
+    vec3 first = unpack_normal(front != NO_NORMAL ? front : back);
+    vec3 last = unpack_normal(back != NO_NORMAL ? back : front);
+    vec3 mixed = has_normal(front, back) ? mix(first, last, part) : vec3(0.0);
     return mixed / max(length(mixed), 1e-6);
 #else
     return vec3(0.0);
@@ -94,7 +97,7 @@ void composite_cubic(Band band, float span, float position, float slope, vec2 pa
         front_gradient = crossing_gradient(front_gradient, walk.slope, ray_direction);
         back_gradient = crossing_gradient(back_gradient, slope, ray_direction);
     }
-    vec4 material = (walk.normal | normal) != 0u ? frame.material : UNLIT;
+    vec4 material = has_normal(walk.normal, normal) ? frame.material : UNLIT;
     vec4 moments = lit_moments(depths, walk.position, position, slopes, part, front_gradient, back_gradient, ray_direction,
                                material);
     composite(band.low.rgb * (moments.y - moments.z) + band.high.rgb * moments.z + moments.w, moments.x);

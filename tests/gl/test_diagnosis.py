@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import moderngl
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from isosample.errors import OpenGLError
 from isosample.gl import diagnosis
-from isosample.gl.context import is_software
 from isosample.gl.diagnosis import describe, diagnose, self_test
-
-if TYPE_CHECKING:
-    import moderngl
+from isosample.rendering.settings import ResolveStage
+from isosample.rendering.stage import resolve_stage
 
 
 def test_self_test_passes_on_this_driver(gl: moderngl.Context) -> None:
@@ -49,9 +48,22 @@ def test_lost_fragments_are_reported_from_total_and_from_cells(
     assert f"fragment shader with storage buffer: {detail}" in diagnose().summary
 
 
-def test_resolve_stage_follows_the_kind_of_renderer(gl: moderngl.Context) -> None:
-    expected = "fragment" if is_software(gl) else "compute"
-    assert describe(gl)["resolve_stage"] == expected
+@pytest.mark.parametrize(
+    ("renderer", "stage"),
+    [
+        ("llvmpipe (LLVM 15.0.7, 256 bits)", "fragment"),
+        ("SwiftShader Device (Subzero)", "fragment"),
+        ("NVIDIA GeForce RTX 3060/PCIe/SSE2", "compute"),
+        ("Mesa Intel(R) UHD Graphics 620 (KBL GT2)", "compute"),
+    ],
+)
+def test_resolve_stage_follows_the_kind_of_renderer(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, renderer: str, stage: str
+) -> None:
+    info = gl.info | {"GL_RENDERER": renderer}
+    monkeypatch.setattr(moderngl.Context, "info", property(lambda _: info))
+    assert describe(gl)["resolve_stage"] == stage
+    assert resolve_stage(gl, ResolveStage.AUTO).value == stage  # what is told is what is done
 
 
 def test_diagnosis_is_plain_json_and_names_the_renderer(gl: moderngl.Context) -> None:

@@ -122,6 +122,7 @@ def test_constants_have_values_and_types() -> None:
     text = """
     const int BINDING = 3;  const uint LIST_END = 0xFFFFFFFFu;  // const int HIDDEN = 1;
     const float STEP = 0.5f;  const float WHOLE = 2;  const int LOW = -4;
+    const int HEX = 0x1F;  const uint FACE = 0xFACEu + 0Xfu;  const float WIDE = 2.5e-3F;  const float THIRD = .3f;
     const uint MASK = (1u << 15) | 0x1u;  const int NEXT = BINDING + 2 * 4 - 1;
     float inside() { const float local = sqrt(2.0); { const int deep = f(1); } return local; }
     """
@@ -131,6 +132,10 @@ def test_constants_have_values_and_types() -> None:
         "STEP": 0.5,
         "WHOLE": 2.0,
         "LOW": -4,
+        "HEX": 31,
+        "FACE": 0xFACE + 15,
+        "WIDE": 2.5e-3,
+        "THIRD": 0.3,
         "MASK": 0x8001,
         "NEXT": 10,
     }

@@ -185,6 +185,44 @@ def test_lost_fragments_stop_the_frame(gl: moderngl.Context, monkeypatch: pytest
             abuffer.render(camera, (64, 64), RenderSettings())
 
 
+@pytest.mark.parametrize("lost", ["stored", "linked"])
+def test_lost_fragments_stop_lists_that_are_read_back(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, lost: str
+) -> None:
+    scene, camera = translucent_scene()
+    with ABuffer(gl, scene) as abuffer:
+        pool, build = abuffer._shared.pool, abuffer._builder._build
+        if lost == "stored":
+            monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1))
+        else:
+            heads = pool.heads
+            end = np.uint32(shared_constants()["LIST_END"])
+            monkeypatch.setattr(
+                pool, "heads", lambda tile: np.where(np.arange(64 * 64) % 2, heads(tile), end)
+            )
+        with pytest.raises(LostFragmentsError, match="fragments were rasterised"):
+            abuffer.fragment_lists(camera, (64, 64), RenderSettings())
+
+
+def test_lists_that_lead_nowhere_or_in_circles_stop_the_reading(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, camera = translucent_scene()
+    with ABuffer(gl, scene) as abuffer:
+        pool = abuffer._shared.pool
+        nodes = pool.nodes
+        for next_index in (0, 2**31):
+
+            def damaged(next_index: int = next_index) -> np.ndarray[tuple[int, ...], np.dtype[np.void]]:
+                found = nodes().copy()
+                found["next_index"] = next_index
+                return found
+
+            monkeypatch.setattr(pool, "nodes", damaged)
+            with pytest.raises(LostFragmentsError, match="fragments were rasterised"):
+                abuffer.fragment_lists(camera, (64, 64), RenderSettings())
+
+
 def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl.Context) -> None:
     scene, camera = translucent_scene()
     with ABuffer(gl, scene) as abuffer:
@@ -195,6 +233,21 @@ def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl
     assert first.pool_bytes == math.ceil(int(ROOM * first.fragments) * NODE_BYTES / row) * row
     assert larger.pool_bytes == again.pool_bytes >= larger.fragments * NODE_BYTES
     assert again.fragments == first.fragments
+
+
+def test_a_smaller_budget_holds_after_a_picture_with_a_larger_one(gl: moderngl.Context) -> None:
+    scene, camera = translucent_scene()
+    small = RenderSettings(fragment_budget_bytes=1 << 16)
+    with ABuffer(gl, scene) as abuffer:
+        before, whole = abuffer.render(camera, (64, 64), RenderSettings())
+        assert whole.pool_bytes > 4 * small.fragment_budget_bytes
+        parts = list(abuffer.fragment_list_parts(camera, (64, 64), small))
+        assert len(parts) >= whole.fragments * NODE_BYTES / small.fragment_budget_bytes
+        assert max(len(part.pixels) for part in parts) * NODE_BYTES <= small.fragment_budget_bytes
+        after, tiled = abuffer.render(camera, (64, 64), small)
+    assert tiled.pool_bytes <= small.fragment_budget_bytes
+    assert tiled.tiles == len(parts)
+    assert np.array_equal(before, after)
 
 
 def covered(tiles: list[Tile], width: int, height: int) -> Iterator[int]:

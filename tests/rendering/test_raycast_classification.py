@@ -154,3 +154,15 @@ def test_a_table_that_is_too_large_is_refused(gl: moderngl.Context) -> None:
 def test_integrals_in_half_precision_are_refused() -> None:
     with pytest.raises(InputError, match=r"table_dtype float16 goes with integration 2d and 3d, not 1d"):
         RaycastSettings(integration=Integration.TABLE_1D, table_dtype=TableDtype.FLOAT16)
+
+
+@pytest.mark.parametrize("crossings", Crossings)
+def test_exact_shares_in_place_of_samples_are_refused(crossings: Crossings) -> None:
+    # The share of a peak is that of the stretch around it, samples included: there is nothing to leave out.
+    with pytest.raises(InputError, match=r"peak_mode xor goes with peak_weight paper, not integral"):
+        RaycastSettings(
+            classification=Classification.PEAK_FINDING,
+            crossings=crossings,
+            peak_mode=PeakMode.XOR,
+            peak_weight=PeakWeight.INTEGRAL,
+        )

@@ -13,6 +13,7 @@ from isosample.integral.sampling import sample_number
 from isosample.rendering import raycaster
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.ray_sampling import first_step
+from isosample.rendering.ray_statistics import RayStatistics
 from isosample.rendering.raycast_settings import (
     Classification,
     Crossings,
@@ -22,6 +23,7 @@ from isosample.rendering.raycast_settings import (
     Quadrature,
     RaycastSettings,
     Sampling,
+    TransferLookup,
 )
 from isosample.rendering.raycaster import RayCaster, raycast
 from isosample.rendering.reference_image import render_reference
@@ -30,6 +32,7 @@ from isosample.transfer.control_points import ControlPoint
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
+from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import ramp_tf
 
 if TYPE_CHECKING:
@@ -43,6 +46,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.gl
 
 SIZE = (48, 40)
+TURNS_OF_LOOP = 8  # of the loops inside a stretch, see shaders/pass/march.glsl
 ROUNDING = (
     2e-5  # of a picture whose rays take some 100 stretches: 100 compositions of 3 roundings of 2^-24 each
 )
@@ -57,6 +61,13 @@ METHODS = {
     "peaks": PEAKS,
     "peaks, exact crossings": replace(PEAKS, crossings=Crossings.EXACT),
     "peaks alone": replace(PEAKS, peak_mode=PeakMode.PEAK_ONLY),
+}
+LOOKUPS = {  # show something up to a cell of their table beyond what is visible
+    "integrals over the value": METHODS["integrals over the value"],
+    "2d": replace(PRE, integration=Integration.TABLE_2D, table_size=12),
+    "3d": replace(PRE, integration=Integration.TABLE_3D, table_size=12),
+    "sampled": replace(POST, transfer_lookup=TransferLookup.TEXTURE),
+    "peaks, sampled": replace(PEAKS, peak_weight=PeakWeight.PAPER, transfer_lookup=TransferLookup.TEXTURE),
 }
 
 
@@ -93,18 +104,54 @@ def cast(volume: Volume, tf: TransferFunction, own: RaycastSettings, **more: Any
 
 @pytest.mark.parametrize("sampling", Sampling)
 @pytest.mark.parametrize("adaptive", [False, True])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", METHODS | LOOKUPS)
 def test_skipping_changes_no_picture(
     gl: moderngl.Context, volume: Volume, method: str, adaptive: bool, sampling: Sampling
 ) -> None:
     tf = tents(volume, 0.3, 0.6)
-    own = replace(METHODS[method], sampling=sampling, adaptive=adaptive, pixel_scale=1.0)
+    own = replace((METHODS | LOOKUPS)[method], sampling=sampling, adaptive=adaptive, pixel_scale=1.0)
     for camera in (Camera.orbit(volume.box, azimuth=25.0, elevation=15.0), inside(volume)):
         skipped = cast(volume, tf, own, camera=camera)
         whole = cast(volume, tf, replace(own, skipping=False), camera=camera)
         assert np.array_equal(skipped.rgba, whole.rgba)
         assert skipped.stats["samples_per_ray"]["mean"] < whole.stats["samples_per_ray"]["mean"]
         assert whole.stats["skipped"]["leaps_over_empty_macrocells"] == 0
+
+
+@pytest.mark.parametrize("beside", [0.25, 0.75])
+@pytest.mark.parametrize("method", LOOKUPS)
+def test_skipping_keeps_what_a_table_shows_beside_what_is_visible(
+    gl: moderngl.Context, method: str, beside: float
+) -> None:
+    # Of the way between two entries of the table one half is visible; much of the volume has a value in the other.
+    own = LOOKUPS[method]
+    cells = {"2d": 11, "3d": 11, "integrals over the value": 8192}.get(method, 8191)
+    number = cells // 3
+    samples = np.full((17, 17, 17), (number + beside) / cells, np.float32)
+    samples[8:, 8:], samples[-1, -1, -1] = 0.0, 1.0
+    volume = Volume(samples)
+    seen = (number + 0.5) / cells + np.array([0.0, 3.0 / cells]) * (1.0 if beside < 0.5 else -1.0)
+    low, high = sorted(seen.tolist())
+    tf = TransferFunction([ControlPoint(value, (1.0, 0.5, 0.2), 5.0) for value in (low, high)])
+    skipped = cast(volume, tf, replace(own, macrocells=8))
+    whole = cast(volume, tf, replace(own, skipping=False))
+    assert whole.rgba[..., 3].max() > 0.1
+    assert np.array_equal(skipped.rgba, whole.rgba)
+
+
+def test_a_table_s_first_entry_leaves_air_below_it_empty(gl: moderngl.Context) -> None:
+    samples = np.zeros((33, 33, 33), np.float32)
+    samples[12:20, 12:20, 12:20] = 1.0
+    for method in LOOKUPS:
+        own = replace(LOOKUPS[method], macrocells=16)
+        found = cast(Volume(samples), ramp_tf(0.0, 1.0, (0.0, 0.2)), own)
+        assert (
+            found.stats["macrocells"]["occupied"] == 5**3
+        )  # as in test_air_at_the_foot_of_a_ramp_is_leapt_over
+        assert np.array_equal(
+            found.rgba,
+            cast(Volume(samples), ramp_tf(0.0, 1.0, (0.0, 0.2)), replace(own, skipping=False)).rgba,
+        )
 
 
 def leaning(volume: Volume) -> Volume:
@@ -305,6 +352,23 @@ def test_a_seed_shifts_the_samples_of_every_ray_the_same_way_again(
     assert not np.array_equal(first, plain)
 
 
+def test_shifted_samples_begin_at_an_eye_inside(gl: moderngl.Context) -> None:
+    # The extinction is the same along all of every ray, so that the picture is exact whatever the step and its shift:
+    # what is sampled at the eye itself stands for a part of a step.
+    samples = np.linspace(0.0, 1.0, 17, dtype=np.float32)[:, None, None] * np.ones((17, 17, 17), np.float32)
+    volume, tf = Volume(samples), ramp_tf(0.5, 2.0, (0.1, 0.1))
+    camera = Camera(
+        projection=Projection.PERSPECTIVE, eye=(8.0, 8.0, 10.0), target=(8.0, 8.0, 16.0), fov_y_degrees=50.0
+    )
+    expected = render_reference(volume, tf, camera=camera, size=SIZE).rgba
+    for method in (POST, PRE, PEAKS):
+        for step in (0.125, 1.0, 4.0):
+            own = replace(method, step=step, jitter=3)
+            for skipping in (True, False):
+                found = cast(volume, tf, replace(own, skipping=skipping), camera=camera).rgba
+                assert np.abs(found - expected).max() <= ROUNDING
+
+
 def test_another_transfer_function_needs_no_new_volume(gl: moderngl.Context, volume: Volume) -> None:
     first, second = tents(volume, 0.3), tents(volume, 0.5, 0.8)
     with RayCaster(volume, first) as caster:
@@ -372,19 +436,79 @@ def test_air_at_the_foot_of_a_ramp_is_leapt_over(gl: moderngl.Context) -> None:
     assert everything.stats["macrocells"]["occupied"] == 16**3
 
 
-def test_long_rays_through_noise_and_many_tents_are_whole(gl: moderngl.Context) -> None:
-    samples = np.random.default_rng(5).random((600, 3, 3), dtype=np.float32)
-    volume = Volume(samples)
-    places = (np.arange(64) + 0.5) / 64
+def noise_and_tents(extinction: float) -> tuple[Volume, TransferFunction, Camera]:
+    """A column of noise, in which a step crosses some 20 of 64 tents, seen along its 600 cells."""
+    volume = Volume(np.random.default_rng(5).random((600, 3, 3), dtype=np.float32))
     points = [
-        ControlPoint(float(place + part), (1.0, 0.5, float(place)), extinction)
-        for place in places
-        for part, extinction in ((-0.004, 0.0), (0.0, 0.05), (0.004, 0.0))
+        ControlPoint(float(place + part), (1.0, 0.5, float(place)), extinction * height)
+        for place in (np.arange(64) + 0.5) / 64
+        for part, height in ((-0.004, 0.0), (0.0, 1.0), (0.004, 0.0))
     ]
-    tf = TransferFunction(points)
     camera = Camera(
         projection=Projection.ORTHOGRAPHIC, eye=(1.0, 1.0, 700.0), target=(1.0, 1.0, 0.0), height=1.6
     )
+    return volume, TransferFunction(points), camera
+
+
+@pytest.mark.parametrize("weight", PeakWeight)
+def test_long_loops_of_root_finding_are_cut_into_calls_too(
+    gl: moderngl.Context, weight: PeakWeight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # 600 steps with four roots of 63 evaluations each: above the 65535 turns after which llvmpipe ends all loops.
+    volume, tf, camera = noise_and_tents(0.001)
+    own = replace(
+        PEAKS, crossings=Crossings.SECANT, peak_weight=weight, peaks=4, root_iterations=64, step=1.0
+    )
+    at_once = raycast(volume, tf, camera=camera, size=(4, 4), raycast=own)
+    assert at_once.stats["root_evaluations_per_ray"] > 65535
+    monkeypatch.setattr(raycaster, "LOOP_LIMIT", 16)
+    in_parts = raycast(volume, tf, camera=camera, size=(4, 4), raycast=own)
+    assert np.array_equal(at_once.rgba, in_parts.rgba)
+    assert at_once.stats["root_evaluations_per_ray"] == in_parts.stats["root_evaluations_per_ray"]
+
+
+@pytest.mark.parametrize("method", ["pre-integrated", "secant", "exact", "smooth"])
+def test_what_a_call_counts_fits_its_counters(
+    gl: moderngl.Context, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A tile of 2^18 rays, in uint32: below 2^14 per ray and call. A call ends after LOOP_LIMIT = 2^10 turns; of 8 in
+    # loops inside a stretch one counts. A turn takes two samples at most (the first anew), an inner one a root.
+    volume, tf, camera = noise_and_tents(0.001)
+    own = {
+        "pre-integrated": PRE,
+        "secant": replace(PEAKS, crossings=Crossings.SECANT, peaks=4, root_iterations=64),
+        "exact": replace(PEAKS, crossings=Crossings.EXACT),
+        "smooth": replace(PEAKS, crossings=Crossings.EXACT, reconstruction=Reconstruction.BSPLINE),
+    }[method]
+    counted: list[dict[str, int]] = []
+    add = RayStatistics.add
+    largest = TURNS_OF_LOOP * raycaster.LOOP_LIMIT + (
+        one_stretch := 4 * 64
+    )  # with which a call may exceed its limit
+    assert largest * raycaster.TILE_PIXELS < 2**32
+
+    def noted(self: RayStatistics, counters: np.void) -> None:
+        counted.append({name: int(counters[name]) for name in counters.dtype.names or ()})
+        add(self, counters)
+
+    monkeypatch.setattr(RayStatistics, "add", noted)
+    monkeypatch.setattr(raycaster, "LOOP_LIMIT", limit := 64)
+    image = raycast(volume, tf, camera=camera, size=(4, 4), raycast=replace(own, step=0.5))
+    rays = 16
+    assert len(counted) == image.stats["calls"] > 5
+    for call in counted:
+        assert call["samples"] <= 2 * limit * rays
+        assert call["roots"] <= (TURNS_OF_LOOP * limit + one_stretch) * rays
+        assert call["crossings"] <= (TURNS_OF_LOOP * limit + one_stretch) * rays
+        assert call["macrocells"] + call["skipped"] <= 2 * limit * rays
+    assert image.stats["samples_per_ray"]["mean"] * rays == sum(call["samples"] for call in counted)
+    # All rays have the same steps; where a call goes on, which differs, one sample is taken again.
+    most = image.stats["samples_per_ray"]["max"]
+    assert most - len(counted) <= image.stats["samples_per_ray"]["mean"] <= most
+
+
+def test_long_rays_through_noise_and_many_tents_are_whole(gl: moderngl.Context) -> None:
+    volume, tf, camera = noise_and_tents(0.05)
     exact = replace(PEAKS, crossings=Crossings.EXACT)
     expected = render_reference(volume, tf, camera=camera, size=(12, 12)).rgba
     for step in (1.0, 8.0, 64.0):

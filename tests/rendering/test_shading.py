@@ -171,3 +171,39 @@ def test_light_inside_a_plateau_converges_with_the_isovalues(gl: moderngl.Contex
         assert errors[-1] < widths[-1] / 5.0  # light of the ends alone: about half of d
     order = np.log(errors[-2] / errors[-1]) / np.log(widths[-2] / widths[-1])
     assert order >= 1.3  # 2 in the limit; less while d is not small against b
+
+
+@pytest.mark.parametrize("rule", SegmentRule)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_planes_along_every_axis_have_the_light_of_their_normal(
+    gl: moderngl.Context, rule: SegmentRule, axis: int, sign: float
+) -> None:
+    samples = sign * np.moveaxis(np.arange(8.0)[:, None, None] * np.ones((8, 8, 8)), 0, 2 - axis)
+    volume, middle = Volume(samples), 3.5 * sign
+    color = np.array([0.8, 0.4, 0.2])
+    ends = sorted((0.0, 7.0 * sign))
+    tf = TransferFunction(
+        [ControlPoint(value, tuple(color), 0.05) for value in ends], [Isosurface(middle, tuple(color), 0.3)]
+    )
+    camera = Camera.orbit(volume.box, azimuth=40, elevation=25, zoom=12)  # every ray meets the middle plane
+    rgba, _ = picture(gl, volume, tf, camera, (8, 8), per_slope=1, material=MATERIAL, segment=rule)
+    cosine = abs(camera.rays(1.0).forward[axis])
+    lit = color * (0.2 + 0.5 * cosine) + 0.25 * cosine**10
+    # The same light along the whole ray, so that the colour is `lit` whatever the opacity; bounds as above, and the
+    # weights of 4 segments to 3.8e-6 each.
+    error = np.abs(rgba[..., :3] - lit * rgba[..., 3:]).max()
+    assert error <= NORMAL_ERROR * (0.5 + 2.5) + 1e-5 + 4 * 3.8e-6
+    assert np.all(rgba[..., 3] > 0.3)
+
+
+def test_a_surface_without_a_gradient_keeps_its_colour(gl: moderngl.Context) -> None:
+    volume = Volume(np.arange(5.0)[:, None, None] * np.ones((5, 5, 5)))
+    tf = TransferFunction([], [Isosurface(2.5, (0.8, 0.4, 0.2), 1.0)])
+    plan = plan_isovalues(tf, volume.value_range)
+    scene = Scene.build(extract_surfaces(volume, plan.isovalues), plan)
+    vertices = scene.vertices.copy()
+    vertices["gradient"] = 0.0
+    with ABuffer(gl, replace(scene, vertices=vertices)) as abuffer:
+        rgba, _ = abuffer.render(Camera.orbit(volume.box, zoom=8), (8, 8), RenderSettings(material=MATERIAL))
+    assert np.array_equal(rgba, np.broadcast_to(np.array([0.8, 0.4, 0.2, 1.0], np.float32), rgba.shape))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 
 from isosample.integral.octahedral import STEPS, octahedral_fold, pack_normal, unpack_normal
+from isosample.rendering.frame import shared_constants
 from shaders.harness import call
 from shaders.twins import UNIT, assert_within, columns, gamma, wrong_shader
 
@@ -106,6 +108,13 @@ def test_axes_and_the_zero_vector_have_their_codes(gl: moderngl.Context) -> None
     assert pack_normal(axes).tolist() == expected
     back = call(gl, OCTAHEDRAL, "vec3 unpack_normal(uint bits)", bits[:6])
     assert np.abs(back - axes[:6]).max() <= 4 * UNIT  # normalising a vector of length 1
+
+
+def test_no_direction_has_the_code_of_none(gl: moderngl.Context) -> None:
+    corners = np.array(list(itertools.product([-2.0, -1.0, 0.0, 1.0, 2.0], repeat=3)), np.float32)
+    bits = call(gl, OCTAHEDRAL, "uint pack_normal(vec3 n)", np.concatenate([corners, _directions(10_000)]))
+    assert not (bits == shared_constants()["NO_NORMAL"]).any()
+    assert (_steps(bits) > -32768).all()  # neither half of it is ever made
 
 
 @pytest.mark.parametrize(

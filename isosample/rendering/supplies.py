@@ -1,0 +1,119 @@
+"""What every pass gives to its programs, by the names in the shaders: `Programs` holds each program against it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING
+
+from isosample.gl.interface import Block
+from isosample.rendering.frame import shared_constants, uniform_dtype
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+STORAGE_BLOCKS = {
+    "Heads": "HEADS",
+    "CounterBlock": "COUNTERS",
+    "Bands": "BANDS",
+    "Levels": "LEVELS",
+    "Boundary": "BOUNDARY",
+    "RayCounterBlock": "RAY_COUNTERS",
+    "RayStates": "RAY_STATES",
+}
+UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
+NODES = {"nodes": "uimage2D"}
+IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Supply:
+    """What one pass gives.
+
+    Attributes
+    ----------
+    blocks : mapping of str to Block
+    uniforms, attributes : mapping of str to str
+        GLSL types by name.
+    optional : frozenset of str
+        Of all these the names that some of its programs do not use; every program uses the others.
+    """
+
+    blocks: Mapping[str, Block]
+    uniforms: Mapping[str, str] = field(default_factory=dict)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    optional: frozenset[str] = frozenset()
+
+
+@cache
+def storage_bindings() -> dict[str, int]:
+    """Binding of every storage block by its name in the shaders."""
+    return {block: shared_constants()[f"BINDING_{name}"] for block, name in STORAGE_BLOCKS.items()}
+
+
+def blocks(*names: str) -> dict[str, Block]:
+    """The blocks of these names."""
+    found = {}
+    for name in names:
+        if name in STORAGE_BLOCKS:
+            found[name] = Block(storage_bindings()[name])
+            continue
+        binding, struct = UNIFORM_BLOCKS[name]
+        found[name] = Block(shared_constants()[f"BINDING_{binding}"], uniform_dtype(struct).itemsize)
+    return found
+
+
+@cache
+def mesh_supply() -> Supply:
+    """Of the build pass, and those that count: isosurfaces."""
+    lists = ("Heads", "CounterBlock")
+    return Supply(
+        blocks=blocks("FrameBlock", *lists),
+        uniforms={"side": "float", "level": "uint"} | NODES,
+        attributes={"position": "vec3", "gradient": "vec3", "residual": "float"},
+        optional=frozenset({*lists, *NODES, "level", "gradient", "residual"}),
+    )
+
+
+@cache
+def mask_supply() -> Supply:
+    """Of the same passes: the border of the valid cells."""
+    lists = ("Heads", "CounterBlock")
+    return Supply(
+        blocks=blocks("FrameBlock", *lists),
+        uniforms={"side": "float"} | NODES,
+        attributes={"start": "vec3", "face": "int", "values": "vec4"},
+        optional=frozenset({*lists, *NODES, "values"}),
+    )
+
+
+@cache
+def resolve_supply(*, compute: bool) -> Supply:
+    """Of the resolve pass."""
+    scene = ("CounterBlock", "Bands", "Levels", "Boundary")
+    return Supply(
+        blocks=blocks("FrameBlock", "Heads", *scene),
+        uniforms=NODES | (IMAGE if compute else {}),
+        optional=frozenset({*scene, *NODES}),
+    )
+
+
+@cache
+def merge_supply() -> Supply:
+    """Of the pass that sorts long lists."""
+    return Supply(blocks=blocks("FrameBlock", "Heads"), uniforms={"run": "uint"} | NODES)
+
+
+def ray_supply(samplers: Mapping[str, str], *, compute: bool) -> Supply:
+    """Of the ray caster, with these textures."""
+    return Supply(
+        blocks=blocks("FrameBlock", "RaycastBlock", "RayCounterBlock", "RayStates"),
+        uniforms=dict(samplers) | (IMAGE if compute else {}),
+        optional=frozenset({"transfer", "peak_table"}),  # not with every table and mode
+    )
+
+
+@cache
+def ray_block_supply() -> Supply:
+    """Of the pass over blocks of rays."""
+    return Supply(blocks=blocks("FrameBlock", "RaycastBlock"), uniforms={"macrocells": "usampler3D"})
