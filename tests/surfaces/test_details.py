@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 import pytest
+from cache_scenes import assert_same_bits, scene_transfer, scene_volume, written_scene
 from mesh_checks import assert_watertight, euler_characteristic, index_grid, noise_with_holes
 from scipy.ndimage import map_coordinates
-from test_surface_cache import assert_same_bits, scene_volume, written_scene
 
 from isosample.errors import InputError
 from isosample.surfaces.brick_samples import BrickSamples, gradients_at, load_brick
-from isosample.surfaces.cache import extract_with_cache, load_cache, open_cache
+from isosample.surfaces.cache import content_hash, extract_with_cache, load_cache, open_cache, write_cache
 from isosample.surfaces.collapse_kernels import collapse
 from isosample.surfaces.detail import (
     FEWEST_TRIANGLES,
@@ -457,10 +457,6 @@ def test_a_scene_keeps_its_details_in_its_folder(tmp_path: Path) -> None:
 
 
 def written_details(folder: Path, volume: Volume, surfaces: SurfaceSet) -> None:
-    from test_surface_cache import scene_transfer
-
-    from isosample.surfaces.cache import content_hash, write_cache
-
     transfer, plan = scene_transfer(volume)
     write_cache(
         folder,
