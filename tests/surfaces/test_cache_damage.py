@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from cache_scenes import CURVED, assert_same_bits, damaged, files_of, scene_volume, written_scene
 
 from isosample.errors import CacheError
+from isosample.surfaces.boundary_files import boundary_path, write_boundary
 from isosample.surfaces.cache import (
     content_hash,
     extract_with_cache,
@@ -190,3 +193,57 @@ def test_chunks_swapped_between_bricks_are_found(tmp_path: Path) -> None:
     first.write_bytes(second.read_bytes())
     with pytest.raises(CacheError, match=f"{first.name} is damaged: it is named {second.stem}"):
         load_cache(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["volume.json", "scene.json", "boundary.npz", "surface"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "missing"])
+def test_verify_names_every_file_without_which_the_scene_cannot_be_loaded(
+    tmp_path: Path, name: str, damage: str
+) -> None:
+    written_scene(tmp_path, scene_volume())
+    assert verify_folder(tmp_path).damaged == ()
+    path = min((tmp_path / "surfaces").iterdir()) if name == "surface" else tmp_path / name
+    path.unlink() if damage == "missing" else damaged(path, damage)
+    assert (name, damage) == ("scene.json", "missing") or path in named(
+        tmp_path
+    )  # else it was never finished
+    with pytest.raises(CacheError):
+        load_cache(tmp_path)
+
+
+def named(folder: Path) -> list[Path]:
+    """Return the files that verify says are damaged; each is named once."""
+    paths = [chunk.path for chunk in verify_folder(folder).damaged]
+    assert len(set(paths)) == len(paths)
+    return paths
+
+
+@pytest.mark.parametrize("settings", [{}, CURVED], ids=["trilinear", "cubic"])
+@pytest.mark.parametrize("pinned", ["boundary", "surface"])
+def test_verify_holds_files_against_the_digests_that_the_scene_pins(
+    tmp_path: Path, settings: dict[str, Any], pinned: str
+) -> None:
+    """A whole file of the right name, with a digest of its own that holds, and other arrays."""
+    surfaces = written_scene(tmp_path, scene_volume(), **settings)
+    content, isovalue = content_hash(scene_volume()), float(surfaces.isovalues[0])
+    if pinned == "surface":
+        key = listed_key(tmp_path, content, isovalue, surfaces.settings)
+        path = surface_path(tmp_path, key)
+        rows, _ = read_rows(tmp_path, key, isovalue)
+        write_rows(tmp_path, key, rows[1:])
+    else:
+        path = boundary_path(tmp_path, surfaces.settings)
+        path.unlink()
+        write_boundary(tmp_path, content, replace(surfaces, value_range=(-9.0, 9.0)))
+    with pytest.raises(CacheError, match=f"{path.name} has payload_sha256"):
+        load_cache(tmp_path)
+    assert named(tmp_path) == [path]
+
+
+def test_verify_names_a_scene_of_another_volume(tmp_path: Path) -> None:
+    for seed in (0, 1):
+        written_scene(tmp_path / str(seed), scene_volume(seed))
+    shutil.copy(tmp_path / "1" / "scene.json", tmp_path / "0" / "scene.json")
+    with pytest.raises(CacheError, match=r"scene\.json is of another volume"):
+        load_cache(tmp_path / "0")
+    assert tmp_path / "0" / "scene.json" in named(tmp_path / "0")
