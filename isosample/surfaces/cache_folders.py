@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import boundary_path, read_boundary
 from isosample.surfaces.cache_files import read_arrays, read_json
-from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk, remove
+from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.surface_files import AbsentSurfaceError, read_rows, rows_of_arrays, surface_path
 from isosample.surfaces.volume_file import read_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
 
@@ -53,14 +53,6 @@ class FolderSummary(NamedTuple):
     used: float
     finished: bool
     problem: str
-
-
-class FolderPruned(NamedTuple):
-    """What was removed from a folder, or would be: chunks, and their bytes."""
-
-    folder: Path
-    chunks: int
-    size_bytes: int
 
 
 class FolderVerified(NamedTuple):
@@ -205,36 +197,6 @@ def scene_lacks(folder: Path) -> int:
     there = set(ChunkFolder(folder, read_only=True).keys())
     tables = [one.chunk_table for one in open_cache(folder).surfaces.by_detail]
     return len({key.decode() for table in tables for key in table["key"].tolist()} - there)
-
-
-def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool = False) -> list[FolderPruned]:
-    """Remove the chunks of all folders that were used longest ago, until all together take at most so many bytes.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-    budget_bytes : int
-    pretend : bool
-        Remove nothing, and tell what would be.
-
-    Raises
-    ------
-    CacheError
-        If a file cannot be removed.
-    """
-    stores = [ChunkFolder(folder) for folder in folders]
-    there = [(chunk.used, number, chunk) for number, store in enumerate(stores) for chunk in store.chunks()]
-    excess = sum(chunk.size_bytes for _, _, chunk in there) - budget_bytes
-    counts, freed = [0] * len(stores), [0] * len(stores)
-    for _, number, chunk in sorted(there):
-        if excess <= 0:
-            break
-        if not pretend:
-            remove(stores[number].path(chunk.key))
-        excess -= chunk.size_bytes
-        counts[number] += 1
-        freed[number] += chunk.size_bytes
-    return [FolderPruned(*row) for row in zip(folders, counts, freed, strict=True)]
 
 
 def _is_cache(folder: Path) -> bool:
