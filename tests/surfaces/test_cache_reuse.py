@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from cache_scenes import assert_same_bits, scene_volume
+from cache_scenes import assert_same_bits, files_of, scene_volume
 
 from isosample.errors import CacheError, InputError
+from isosample.surfaces import field
 from isosample.surfaces.cache import extract_with_cache, load_surface_set
 from isosample.surfaces.extract import SurfaceSet, extract_surfaces
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
+from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -90,3 +92,31 @@ def test_an_edit_of_colours_extracts_nothing_and_a_moved_peak_its_own_values(tmp
 def test_isovalues_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="finite"):
         extract_with_cache(scene_volume(), [np.inf], tmp_path)
+
+
+@pytest.mark.parametrize("reconstruction", Reconstruction)
+def test_surfaces_at_hand_are_kept_without_fitting_or_extracting_anything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruction: Reconstruction
+) -> None:
+    volume, levels = scene_volume(), [-0.2, 0.1, 0.5]
+    surfaces = extract_surfaces(volume, levels, brick_cells=4, reconstruction=reconstruction)
+    expected = extract_with_cache(
+        volume, levels, tmp_path / "expected", brick_cells=4, reconstruction=reconstruction
+    )
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a spline is fitted, or a brick is extracted")
+
+    monkeypatch.setattr(GridSpline, "build", refuse)
+    monkeypatch.setattr(field, "extract_brick", refuse)
+    found = extract_with_cache(
+        volume,
+        levels,
+        tmp_path / "found",
+        brick_cells=4,
+        reconstruction=reconstruction,
+        extracted=surfaces,
+    )
+    assert_same_bits(found, expected)
+    assert found.statistics == expected.statistics
+    assert files_of(tmp_path / "found") == files_of(tmp_path / "expected")
