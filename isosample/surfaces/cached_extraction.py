@@ -22,14 +22,12 @@ from isosample.surfaces.cache_levels import (
     wanted_pieces,
 )
 from isosample.surfaces.field import ExtractedField, Field
-from isosample.surfaces.settings import FLATNESS, ExtractionSettings, check_isovalues, check_volume
+from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import MeshStore, full_disk_explained
 from isosample.surfaces.surface_files import surface_key, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
 from isosample.surfaces.volume_file import claim_folder, content_hash
 from isosample.tally import EXTRACTIONS, tally
-from isosample.volume.bricks import BRICK_CELLS
-from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import scan_volume
 from isosample.wording import counted
 
@@ -49,13 +47,7 @@ def extract_with_cache(
     isovalues: Sequence[float] | F64,
     folder: str | Path,
     *,
-    brick_cells: int = BRICK_CELLS,
-    nan_masked: bool = False,
-    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
-    refine: int = 1,
-    residuals: bool = False,
-    detail: int = 0,
-    flatness: float = FLATNESS,
+    settings: ExtractionSettings | None = None,
     budget_bytes: int | None = None,
     plain: bool = False,
     extracted: SurfaceSet | None = None,
@@ -65,11 +57,13 @@ def extract_with_cache(
 
     Parameters
     ----------
-    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, detail, flatness, progress
+    volume, isovalues, progress
         As for `extract_surfaces`.
     folder : path
         The volume's cache folder, made if absent. One that cannot be written is read, with a warning where
         something would have been added.
+    settings : ExtractionSettings, optional
+        What `extract_surfaces` has as keywords.
     budget_bytes : int, optional
         Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
     plain : bool
@@ -95,17 +89,9 @@ def extract_with_cache(
         then is kept: the same call goes on from there.
     """
     folder = Path(folder)
-    settings = ExtractionSettings(
-        brick_cells=brick_cells,
-        nan_masked=nan_masked,
-        reconstruction=reconstruction,
-        refine=refine,
-        residuals=residuals,
-        detail=detail,
-        flatness=flatness,
-    )
+    settings = settings or ExtractionSettings()
     levels = check_isovalues(isovalues)
-    scan = scan_volume(volume, brick_cells)
+    scan = scan_volume(volume, settings.brick_cells)
     scan.tell(volume)
     check_volume(volume, settings)
     volume_hash = content_hash(volume, scan)

@@ -16,6 +16,7 @@ from isosample.surfaces import cached_extraction, field
 from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import ramp_tf
@@ -67,13 +68,19 @@ def test_what_a_search_for_a_tolerance_has_extracted_goes_into_the_folder_as_it_
         watched.setattr(cached_extraction, "Field", refuse)
         found = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
         again = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
-    options = found.surfaces.settings.as_keywords()
-    assert options["residuals"]
+    settings = found.surfaces.settings
+    assert settings.residuals
     levels = found.plan.isovalues
-    assert_same(found.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+    assert_same(
+        found.surfaces,
+        extract_with_cache(volume, levels, tmp_path / "expected", settings=settings),
+    )
     assert contents(tmp_path / "found") == contents(tmp_path / "expected")
     assert again.surfaces.statistics.levels_reused == len(levels)
-    assert_same(again.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+    assert_same(
+        again.surfaces,
+        extract_with_cache(volume, levels, tmp_path / "expected", settings=settings),
+    )
 
 
 @pytest.mark.parametrize("reconstruction", [Reconstruction.TRILINEAR, Reconstruction.BSPLINE])
@@ -161,5 +168,7 @@ def test_surfaces_of_something_else_are_not_taken(tmp_path: Path, wrong: str) ->
         "the extracted surfaces are of a volume" if of_volume else "the extracted surfaces have 2 isovalues"
     )
     with pytest.raises(InputError, match=what):
-        extract_with_cache(volume, asked, tmp_path, extracted=surfaces, **options)
+        extract_with_cache(
+            volume, asked, tmp_path, settings=ExtractionSettings(**options), extracted=surfaces
+        )
     assert not contents(tmp_path)

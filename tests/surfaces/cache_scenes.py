@@ -9,6 +9,7 @@ from mesh_checks import closed_noise
 
 from isosample.surfaces.cache import content_hash, write_cache
 from isosample.surfaces.extract import SurfaceSet, extract_surfaces
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.transfer.isovalues import IsovaluePlan, plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
 from isosample.volume.grid import Volume
@@ -17,6 +18,7 @@ from isosample.volume.reconstruction import Reconstruction
 if TYPE_CHECKING:
     from pathlib import Path
 
+SMALL_BRICKS = ExtractionSettings(brick_cells=4)
 CURVED: dict[str, Any] = {"reconstruction": Reconstruction.CUBIC, "refine": 2, "residuals": True}
 
 

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from cache_scenes import CURVED, assert_same_bits, damaged, files_of, scene_volume, written_scene
+from cache_scenes import (
+    CURVED,
+    SMALL_BRICKS,
+    assert_same_bits,
+    damaged,
+    files_of,
+    scene_volume,
+    written_scene,
+)
 
 from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import boundary_path, write_boundary
@@ -22,6 +30,7 @@ from isosample.surfaces.cache import (
 )
 from isosample.surfaces.cache_files import write_arrays
 from isosample.surfaces.cache_folders import verify_folder
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.surfaces.surface_files import listed_key, read_rows, surface_path, write_rows
 
@@ -73,7 +82,7 @@ def test_a_damaged_spline_boundary_is_found(tmp_path: Path) -> None:
         load_cache(tmp_path)
     path.unlink()
     with pytest.raises(CacheError, match=r"boundary-cubic\.npz"):
-        load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4, **CURVED)
+        load_surface_set(tmp_path, surfaces.isovalues, ExtractionSettings(brick_cells=4, **CURVED))
 
 
 def test_swapped_surface_files_are_found(tmp_path: Path) -> None:
@@ -151,7 +160,7 @@ def test_a_damaged_chunk_is_named_and_extracted_again_and_only_it(tmp_path: Path
     assert files_of(tmp_path) == before  # who has no volume removes nothing
     expected = contextlib.nullcontext() if damage == "removed" else pytest.warns(UserWarning, match=path.name)
     with expected:
-        again = extract_with_cache(volume, levels, tmp_path, brick_cells=4)
+        again = extract_with_cache(volume, levels, tmp_path, settings=SMALL_BRICKS)
     assert again.statistics.brick_visits == 1
     assert_same_bits(again, surfaces)
     assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
@@ -181,8 +190,8 @@ def test_other_files_that_are_damaged_are_made_anew_from_the_volume(tmp_path: Pa
     path = min((tmp_path / "surfaces").iterdir()) if name == "surface" else tmp_path / name
     content = path.read_bytes()
     damaged(path, "truncated")
-    extract_with_cache(volume, surfaces.isovalues, tmp_path, brick_cells=4)
-    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4), surfaces)
+    extract_with_cache(volume, surfaces.isovalues, tmp_path, settings=SMALL_BRICKS)
+    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, SMALL_BRICKS), surfaces)
     if name == "boundary.npz":
         assert path.read_bytes() == content
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from cache_scenes import CURVED, assert_same_bits, scene_transfer, scene_volume, written_scene
+from cache_scenes import CURVED, SMALL_BRICKS, assert_same_bits, scene_transfer, scene_volume, written_scene
 
 from isosample.errors import CacheError
 from isosample.surfaces.cache import extract_with_cache, load_cache, load_surface_set
 from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 
@@ -32,12 +34,13 @@ def test_a_scene_comes_back_bit_for_bit(tmp_path: Path) -> None:
 def test_a_smooth_refined_scene_comes_back_bit_for_bit_with_its_errors(tmp_path: Path) -> None:
     volume = scene_volume()
     surfaces = written_scene(tmp_path, volume, **CURVED)
+    settings = replace(SMALL_BRICKS, **CURVED)
     assert surfaces.mesh_errors[0] is not None
     assert_same_bits(load_cache(tmp_path).surfaces, surfaces)
-    again = extract_with_cache(volume, surfaces.isovalues, tmp_path, brick_cells=4, **CURVED)
+    again = extract_with_cache(volume, surfaces.isovalues, tmp_path, settings=settings)
     assert again.statistics.levels_reused == len(surfaces.isovalues)
     assert_same_bits(again, surfaces)
-    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, brick_cells=4, **CURVED), surfaces)
+    assert_same_bits(load_surface_set(tmp_path, surfaces.isovalues, settings), surfaces)
 
 
 def test_every_setting_names_other_surfaces_in_one_folder(tmp_path: Path) -> None:
@@ -52,31 +55,32 @@ def test_every_setting_names_other_surfaces_in_one_folder(tmp_path: Path) -> Non
     for number, settings in enumerate(variants):
         for other in variants[number:]:
             with pytest.raises(CacheError, match="has no"):
-                load_surface_set(tmp_path, [0.0], **other)
-        found = extract_with_cache(volume, [0.0], tmp_path, **settings)
+                load_surface_set(tmp_path, [0.0], ExtractionSettings(**other))
+        found = extract_with_cache(volume, [0.0], tmp_path, settings=ExtractionSettings(**settings))
         assert found.statistics.levels_reused == 0
         assert_same_bits(found, extract_surfaces(volume, [0.0], **settings))
     for settings in variants:
         assert_same_bits(
-            load_surface_set(tmp_path, [0.0], **settings), extract_surfaces(volume, [0.0], **settings)
+            load_surface_set(tmp_path, [0.0], ExtractionSettings(**settings)),
+            extract_surfaces(volume, [0.0], **settings),
         )
     assert load_surface_set(tmp_path, ()).value_range == volume.value_range
 
 
 def test_surfaces_of_other_settings_are_not_mixed_up(tmp_path: Path) -> None:
     volume = scene_volume()
-    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
-    other = extract_with_cache(volume, [0.0], tmp_path, brick_cells=5)
+    extract_with_cache(volume, [0.0], tmp_path, settings=SMALL_BRICKS)
+    other = extract_with_cache(volume, [0.0], tmp_path, settings=ExtractionSettings(brick_cells=5))
     assert other.statistics.levels_reused == 0
-    assert_same_bits(load_surface_set(tmp_path, [0.0], brick_cells=5), other)
+    assert_same_bits(load_surface_set(tmp_path, [0.0], ExtractionSettings(brick_cells=5)), other)
     with pytest.raises(CacheError, match=r"no isosurface 0\.0 for these settings.*precompute"):
-        load_surface_set(tmp_path, [0.0], brick_cells=6)
+        load_surface_set(tmp_path, [0.0], ExtractionSettings(brick_cells=6))
 
 
 def test_a_reconstruction_that_is_not_there_is_named(tmp_path: Path) -> None:
     extract_with_cache(scene_volume(), [0.0], tmp_path)
     with pytest.raises(CacheError, match=r"no surfaces of the bc21 reconstruction.*precompute"):
-        load_surface_set(tmp_path, (), reconstruction=Reconstruction.BC21)
+        load_surface_set(tmp_path, (), ExtractionSettings(reconstruction=Reconstruction.BC21))
 
 
 def test_loading_needs_no_volume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cache_scenes import assert_same_bits, files_of, scene_volume
+from cache_scenes import SMALL_BRICKS, assert_same_bits, files_of, scene_volume
 from mesh_checks import closed_noise
 
 from isosample.errors import CacheError
@@ -38,32 +38,32 @@ def test_a_full_disk_keeps_what_is_there_and_the_next_run_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
 ) -> None:
     volume = scene_volume()
-    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    extract_with_cache(volume, [0.0], tmp_path, settings=SMALL_BRICKS)
     before = files_of(tmp_path)
     with monkeypatch.context() as patch:
         refuse_writing(patch, errno.ENOSPC, after=after)
         with pytest.raises(CacheError, match=r"cannot be written: No space left on device.*goes on"):
-            extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+            extract_with_cache(volume, [0.0, 0.5], tmp_path, settings=SMALL_BRICKS)
     there = files_of(tmp_path)
     assert {name: there[name] for name in before} == before
     assert len(there) == len(before) + after  # of 27 bricks; then comes the list of chunks
-    resumed = extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+    resumed = extract_with_cache(volume, [0.0, 0.5], tmp_path, settings=SMALL_BRICKS)
     fresh = extract_surfaces(volume, [0.0, 0.5], brick_cells=4)
     assert_same_bits(resumed, fresh)
     assert resumed.statistics.brick_visits == 27 - after
-    assert_same_bits(load_surface_set(tmp_path, [0.0, 0.5], brick_cells=4), fresh)
+    assert_same_bits(load_surface_set(tmp_path, [0.0, 0.5], SMALL_BRICKS), fresh)
 
 
 def test_a_read_only_cache_is_read_and_what_it_lacks_is_extracted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     volume = scene_volume()
-    extract_with_cache(volume, [0.0], tmp_path, brick_cells=4)
+    extract_with_cache(volume, [0.0], tmp_path, settings=SMALL_BRICKS)
     before = files_of(tmp_path)
     refuse_writing(monkeypatch, errno.EROFS)
-    assert extract_with_cache(volume, [0.0], tmp_path, brick_cells=4).statistics.brick_visits == 0
+    assert extract_with_cache(volume, [0.0], tmp_path, settings=SMALL_BRICKS).statistics.brick_visits == 0
     with pytest.warns(UserWarning, match="cannot be written: what it lacks was extracted"):
-        found = extract_with_cache(volume, [0.0, 0.5], tmp_path, brick_cells=4)
+        found = extract_with_cache(volume, [0.0, 0.5], tmp_path, settings=SMALL_BRICKS)
     assert found.statistics.levels_reused == 1
     assert_same_bits(found, extract_surfaces(volume, [0.0, 0.5], brick_cells=4))
     assert files_of(tmp_path) == before
@@ -77,10 +77,11 @@ FILL = """
 import sys
 import numpy as np
 from isosample.surfaces.cache import extract_with_cache
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.volume.grid import Volume
 volume = Volume(np.load(sys.argv[1]))
 sys.stdin.readline()  # both begin at once
-found = extract_with_cache(volume, [-0.3, -0.1, 0.1, 0.3], sys.argv[2], brick_cells=4)
+found = extract_with_cache(volume, [-0.3, -0.1, 0.1, 0.3], sys.argv[2], settings=ExtractionSettings(brick_cells=4))
 print(found.statistics.brick_visits, sum(found.statistics.triangles))
 """
 
@@ -110,7 +111,10 @@ def test_two_processes_fill_one_cache_at_once(tmp_path: Path) -> None:
     assert [process.returncode for process in both] == [0, 0], answers
     fresh = extract_surfaces(volume, [-0.3, -0.1, 0.1, 0.3], brick_cells=4)
     assert [int(out.split()[1]) for out, _ in answers] == [sum(fresh.statistics.triangles)] * 2
-    assert_same_bits(load_surface_set(folder, fresh.isovalues, brick_cells=4), fresh)
+    assert_same_bits(load_surface_set(folder, fresh.isovalues, SMALL_BRICKS), fresh)
     assert MeshStore(folder).verify().damaged == ()
     assert not list(folder.rglob("*.tmp"))
-    assert extract_with_cache(volume, fresh.isovalues, folder, brick_cells=4).statistics.brick_visits == 0
+    assert (
+        extract_with_cache(volume, fresh.isovalues, folder, settings=SMALL_BRICKS).statistics.brick_visits
+        == 0
+    )

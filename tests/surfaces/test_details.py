@@ -470,12 +470,18 @@ def written_details(folder: Path, volume: Volume, surfaces: SurfaceSet) -> None:
 
 def test_details_are_extracted_once(tmp_path: Path) -> None:
     volume = blobs()
-    first = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=2)
-    again = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=2)
+    first = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=2)
+    )
+    again = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=2)
+    )
     assert first.statistics.brick_visits > 0
     assert again.statistics.brick_visits == 0
     assert_same_bits(again, first)
-    other = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=3)
+    other = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=3)
+    )
     assert other.statistics.brick_visits == first.statistics.brick_visits
 
 
