@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.errors import CacheError
+from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary_files import boundary_path, read_boundary
 from isosample.surfaces.cache_files import read_arrays, read_json
 from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk
@@ -177,7 +177,7 @@ def _noting(damaged: dict[Path, str], path: Path, absent: str | None = None) -> 
     """Note a file that turns out to be damaged, by its first reason; `absent` is told of a list that is missing."""
     try:
         yield
-    except CacheError as error:
+    except (CacheError, InputError) as error:  # the latter where a scene has settings that are unknown here
         told = absent if absent and isinstance(error, AbsentSurfaceError) else str(error)
         damaged.setdefault(path, told)
 

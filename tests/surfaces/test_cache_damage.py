@@ -28,7 +28,7 @@ from isosample.surfaces.cache import (
     load_surface_set,
     open_cache,
 )
-from isosample.surfaces.cache_files import write_arrays
+from isosample.surfaces.cache_files import read_json, write_arrays, write_json
 from isosample.surfaces.cache_folders import verify_folder
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
@@ -256,3 +256,11 @@ def test_verify_names_a_scene_of_another_volume(tmp_path: Path) -> None:
     with pytest.raises(CacheError, match=r"scene\.json is of another volume"):
         load_cache(tmp_path / "0")
     assert tmp_path / "0" / "scene.json" in named(tmp_path / "0")
+
+
+def test_verify_names_a_scene_with_settings_that_are_unknown(tmp_path: Path) -> None:
+    written_scene(tmp_path, scene_volume())
+    scene = read_json(tmp_path / "scene.json", "scene")
+    scene["settings"]["reconstruction"] = "quintic"
+    write_json(tmp_path / "scene.json", "scene", scene)
+    assert named(tmp_path) == [tmp_path / "scene.json"]
