@@ -37,9 +37,8 @@ if TYPE_CHECKING:
     from isosample.surfaces.mesh import BrickMesh
     from isosample.volume.grid import F64, Volume
 
-FIT_ROUNDING = (
-    1e-9  # of the largest sample: far above the rounding of a fit, far below what tells two volumes apart
-)
+# Of the largest sample: far above the rounding of a fit, far below what tells two volumes apart.
+FIT_ROUNDING = 1e-9
 
 
 def extract_with_cache(
@@ -97,7 +96,7 @@ def extract_with_cache(
     volume_hash = content_hash(volume, scan)
     if extracted is not None:
         _check_extracted(extracted, levels, volume, settings)
-    field = Field(volume, settings) if extracted is None else ExtractedField(volume, extracted)
+    field = Field(volume, settings) if extracted is None else ExtractedField(volume, settings, extracted)
     scanned = ScannedField(field=field, scan=scan, content_hash=volume_hash)
     claim_folder(folder, volume.geometry, volume_hash, volume.name)
     store = MeshStore(folder, budget_bytes=budget_bytes, plain=plain)

@@ -97,13 +97,14 @@ class ExtractedField(Field):
 
     Parameters
     ----------
-    volume : Volume
+    volume, settings
+        As of any field.
     surfaces : SurfaceSet
         All that `extract_surfaces` gives of this volume for the isovalues that are asked for.
     """
 
-    def __init__(self, volume: Volume, surfaces: SurfaceSet) -> None:
-        super().__init__(volume, surfaces.settings)
+    def __init__(self, volume: Volume, settings: ExtractionSettings, surfaces: SurfaceSet) -> None:
+        super().__init__(volume, settings)
         self.surfaces = surfaces
         self._known = {(mesh.brick, mesh.isovalue): mesh for mesh in surfaces.meshes}
 
