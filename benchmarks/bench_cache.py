@@ -16,6 +16,7 @@ from isosample.surfaces.chunk_decoding import decode
 from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.plain_chunks import decode_plain, encode_plain
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import ControlPoint, TransferFunction
@@ -84,9 +85,14 @@ def _load_row(
             surfaces = _timed(times["extract"], lambda: extract_surfaces(volume, levels, residuals=residuals))
             _timed(
                 times["keep"],
-                lambda: extract_with_cache(volume, levels, folder, residuals=residuals, plain=plain),
+                lambda: extract_with_cache(
+                    volume, levels, folder, settings=ExtractionSettings(residuals=residuals), plain=plain
+                ),
             )
-            _timed(times["load"], lambda: load_surface_set(folder, levels, residuals=residuals))
+            _timed(
+                times["load"],
+                lambda: load_surface_set(folder, levels, ExtractionSettings(residuals=residuals)),
+            )
             chunks = MeshStore(Path(folder)).chunks()
     triangles = sum(surfaces.statistics.triangles)
     encoding, decoding = _codec_seconds(surfaces, repeats, plain=plain)

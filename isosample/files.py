@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 import uuid
 from typing import IO, TYPE_CHECKING
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from isosample.errors import IsosampleError
+
+TEMPORARY = ".tmp"
+STALE_SECONDS = 3600.0  # a temporary file as old as that was left by a process that was killed
 
 
 @contextlib.contextmanager
@@ -44,7 +48,7 @@ def replacing(
     error_class
         If the file cannot be written; the message names it and the reason.
     """
-    temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")  # short, whatever the name
+    temporary = path.with_name(f".{uuid.uuid4().hex}{TEMPORARY}")  # short, whatever the name
     try:
         with failure_told(path, error_class):
             if make_folder:
@@ -66,6 +70,17 @@ def failure_told(path: Path, error_class: type[IsosampleError] = InputError) -> 
         raise error_class(
             f"{path} cannot be written: {error.strerror or error}. Choose another path."
         ) from error
+
+
+def leftovers(folder: Path) -> list[tuple[Path, int]]:
+    """Return the temporary files in a folder, with their bytes, that killed processes left while `replacing` a file."""
+    found = []
+    for path in folder.glob(f".{'[0-9a-f]' * 32}{TEMPORARY}"):
+        with contextlib.suppress(FileNotFoundError):  # it was written to its end a moment ago
+            state = path.stat()
+            if time.time() - state.st_mtime > STALE_SECONDS:
+                found.append((path, state.st_size))
+    return found
 
 
 def write_array(file: IO[bytes], array: npt.NDArray[np.generic]) -> None:

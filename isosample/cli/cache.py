@@ -25,7 +25,7 @@ isosample cache prune --budget 2GiB"""
 ACTIONS = {
     "ls": "list the caches with their sizes",
     "verify": "decode every file, and name what is damaged (exit status 1), was evicted or is not finished",
-    "prune": "remove the meshes that were used longest ago, down to --budget",
+    "prune": "remove the meshes that were used longest ago, down to --budget, and files left half-written",
 }
 
 
@@ -170,29 +170,37 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
 
 def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) -> int:
     """Remove what is too much, and write what it was."""
-    from isosample.surfaces.cache_folders import prune_folders, scene_lacks
-    from isosample.surfaces.store import MeshStore
+    from isosample.surfaces.cache_folders import scene_lacks
+    from isosample.surfaces.chunk_folder import ChunkFolder, prune
 
-    removed = prune_folders(folders, budget, pretend=pretend)
-    left = sum(chunk.size_bytes for folder in folders for chunk in MeshStore(folder, read_only=True).chunks())
-    if pretend:
-        left -= sum(entry.size_bytes for entry in removed)
+    pruned = prune([ChunkFolder(folder) for folder in folders], budget, pretend=pretend)
+    left = sum(entry.bytes_left for entry in pruned)
     if as_json:
         rows = [
-            {"cache": str(folder), "chunks": count, "size_bytes": size} for folder, count, size in removed
+            {
+                "cache": str(folder),
+                "chunks": entry.chunks,
+                "size_bytes": entry.size_bytes,
+                "leftovers": entry.leftovers,
+                "leftover_bytes": entry.leftover_bytes,
+            }
+            for folder, entry in zip(folders, pruned, strict=True)
         ]
         say_json({"removed": rows, "dry_run": pretend, "budget_bytes": budget, "bytes_left": left})
         return 0
     verb = "would remove" if pretend else "removed"
-    for folder, count, size in removed:
-        if count:
-            say(f"{verb} {_meshes(count)} ({byte_size(size)}) of {folder}")
+    for folder, entry in zip(folders, pruned, strict=True):
+        if entry.leftovers:
+            files = counted(entry.leftovers, "half-written file")
+            say(f"{verb} {files} ({byte_size(entry.leftover_bytes)}) of {folder}")
+        if entry.chunks:
+            say(f"{verb} {_meshes(entry.chunks)} ({byte_size(entry.size_bytes)}) of {folder}")
             if not pretend and scene_lacks(folder):
                 say(
                     f"{folder} is now incomplete: its scene cannot be rendered until `isosample precompute` with the "
                     "same volume and --cache has extracted again what was removed"
                 )
-    total, size = sum(entry.chunks for entry in removed), sum(entry.size_bytes for entry in removed)
+    total, size = sum(entry.chunks for entry in pruned), sum(entry.size_bytes for entry in pruned)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0
 

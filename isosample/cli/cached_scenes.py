@@ -181,7 +181,7 @@ def cached_surface(folder: Path, isovalue: float, *, nan_masked: bool = False) -
     settings = ExtractionSettings.from_dict(scene["settings"]) if scene else ExtractionSettings()
     settings = replace(settings, nan_masked=nan_masked or settings.nan_masked)
     try:
-        return load_surface_set(folder, (isovalue,), **settings.as_keywords())
+        return load_surface_set(folder, (isovalue,), settings)
     except AbsentSurfaceError as error:
         there = [float.fromhex(entry["isovalue"]) for entry in scene.get("surfaces", [])]
         if not there or isovalue in there:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.integral.bernstein import bernstein_basis
 from isosample.integral.quadrature import gauss_legendre
 
 if TYPE_CHECKING:
@@ -125,8 +126,8 @@ class PanelRules(NamedTuple):
             order = (2 * count - 7) // 4 + 1
             limits[row] = min(0.4, 2.0 * (math.factorial(order) * tolerance / 3.0) ** (1.0 / order))
             nodes[row, :count], weights[row, :count] = gauss_legendre(count)
-            basis[row] = _bernstein(nodes[row], 3)
-            quartic = _bernstein(nodes[row], 4)
+            basis[row] = bernstein_basis(nodes[row], 3)
+            quartic = bernstein_basis(nodes[row], 4)
             integrals[row] = 0.25 * np.cumsum(quartic[:, :0:-1], axis=1)[:, ::-1]
         return cls(limits, np.array(NODE_COUNTS), nodes, weights, basis, integrals)
 
@@ -145,9 +146,3 @@ class Optics(NamedTuple):
     bands: BandTable
     rules: PanelRules
     panels: int
-
-
-def _bernstein(x: F64, degree: int) -> F64:
-    """(N, degree + 1) float64, the Bernstein polynomials of a degree at `x`."""
-    columns = [math.comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]
-    return np.stack(columns, axis=-1)

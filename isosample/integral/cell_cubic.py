@@ -16,6 +16,7 @@ import math
 from typing import TYPE_CHECKING
 
 from isosample.compiled import compiled
+from isosample.integral.bernstein import MAX_ROOT_STEPS, ROOT_TOLERANCE
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     F64 = npt.NDArray[np.float64]
 
 Cubic = tuple[float, float, float, float]
-
-ROOT_TOLERANCE = 4e-16  # of the interval [0, 1]: the last Newton step is below 2 units in the last place of 1
-MAX_ROOT_STEPS = 200  # bisection alone needs 52; Newton's method 4 to 6
 
 
 @compiled

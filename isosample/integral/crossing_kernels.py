@@ -18,7 +18,7 @@ from isosample.integral.crossing_rows import (
     crossing_scratch,
     record_border,
 )
-from isosample.integral.ray_cells import load_cell, place_in_cell
+from isosample.integral.ray_cells import load_cell, place_ends
 from isosample.integral.spline_cells import DEGREE, cell_polynomial
 from isosample.integral.spline_grid import load_taps, spline_shape
 from isosample.volume.spline_kernels import spline_value_gradient
@@ -76,7 +76,7 @@ def cross_trilinear_rays(
         for n in range(count):
             if _is_needed(room.known, n, count):
                 load_cell(grid, room.cells[n], corners)
-                _place_ends(line, room.cells[n], room.spans[n], ends)
+                place_ends(line, room.cells[n], room.spans[n], ends)
                 b0, b1, b2, b3 = cubic_between(corners, ends[0], ends[1])
                 b = room.polynomials[n]
                 b[0], b[1], b[2], b[3] = b0, b1, b2, b3
@@ -104,7 +104,7 @@ def cross_spline_rays(
             low, high = load_taps(grid, room.cells[n], taps)
             room.known[n] = PLAIN if _no_level_between(levels, low, high) else POLYNOMIAL
             if _is_needed(room.known, n, count):
-                _place_ends(line, room.cells[n], room.spans[n], ends)
+                place_ends(line, room.cells[n], room.spans[n], ends)
                 cell_polynomial(taps, grid.kernel, ends, weights, room.polynomials[n])
         _walk_cells(room, count, levels, rows)
         first[ray + 1] = rows.used[0]
@@ -163,13 +163,6 @@ def _trace(
         return 0
     count, _ = trace_cells(line, interval, shape, visible, (room.cells, room.spans))
     return count
-
-
-@compiled
-def _place_ends(line: tuple[F64, F64], cell: I64, span: F64, ends: F64) -> None:
-    """Fill in the positions in a cell, (2, 3) in [0, 1], at which a ray enters and leaves it."""
-    for i in range(2):
-        place_in_cell(line[0], line[1], cell, span[i], ends[i])
 
 
 @compiled

@@ -35,7 +35,8 @@ def crossing_gradient(normal: F64, slope: float, direction: F64) -> F64:
     Returns
     -------
     gradient : (3,) float64
-        Shorter than it is where the ray passes along the surface, with a cosine below 0.02: there the slope tells lit
+        Shorter than it is where the ray passes along the surface, with a cosine below 0.02: there the slope tells
+        little of the length.
     """
     gradient: F64 = normal * (abs(slope) / max(abs(float(normal @ direction)), LEAST_COSINE))
     return gradient

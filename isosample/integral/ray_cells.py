@@ -203,6 +203,13 @@ def leave_cell(
 
 
 @compiled
+def place_ends(line: tuple[F64, F64], cell: I64, span: F64 | tuple[float, float], ends: F64) -> None:
+    """Fill in the positions in a cell, (2, 3) in [0, 1], at which a ray enters and leaves it."""
+    for i in range(2):
+        place_in_cell(line[0], line[1], cell, span[i], ends[i])
+
+
+@compiled
 def place_in_cell(origin: F64, direction: F64, cell: I64, t: float, place: F64) -> None:
     """Position in the cell, in [0, 1]; exactly 0 or 1 on the planes of samples."""
     for axis in range(3):

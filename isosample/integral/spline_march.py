@@ -33,7 +33,7 @@ from isosample.integral.ray_cells import (
     UNSEEN,
     leave_field,
     nowhere,
-    place_in_cell,
+    place_ends,
 )
 from isosample.integral.spline_cells import (
     DEGREE,
@@ -113,13 +113,6 @@ def spline_scratch() -> Scratch:
         np.empty(waiting),
         np.empty(DEGREE + 1),
     )
-
-
-@compiled
-def place_ends(line: tuple[F64, F64], cell: I64, span: F64, ends: F64) -> None:
-    """Fill in the positions in a cell, (2, 3) in [0, 1], at which a ray enters and leaves it."""
-    for i in range(2):
-        place_in_cell(line[0], line[1], cell, span[i], ends[i])
 
 
 @compiled

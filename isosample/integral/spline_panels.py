@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from isosample.compiled import compiled
 from isosample.integral.band_walk import PANELS, composite
+from isosample.integral.bernstein import bernstein_basis
 from isosample.integral.quadrature import gauss_legendre
 from isosample.integral.spline_cells import DEGREE
 
@@ -58,8 +59,8 @@ class SplineRules(NamedTuple):
             order = (2 * count - 1 - 2 * DEGREE) // (DEGREE + 1) + 1
             limits[row] = min(0.4, 2.0 * (math.factorial(order) * tolerance / 3.0) ** (1.0 / order)) / panels
             nodes[row, :count], weights[row, :count] = gauss_legendre(count)
-            basis[row] = _bernstein(nodes[row], DEGREE)
-            raised = _bernstein(nodes[row], DEGREE + 1)
+            basis[row] = bernstein_basis(nodes[row], DEGREE)
+            raised = bernstein_basis(nodes[row], DEGREE + 1)
             integrals[row] = np.cumsum(raised[:, :0:-1], axis=1)[:, ::-1] / (DEGREE + 1)
         return cls(limits, np.array(NODE_COUNTS), nodes, weights, basis, integrals)
 
@@ -97,12 +98,6 @@ class Accuracy(NamedTuple):
         shown = bands.extinction.max(axis=1) > 0
         sensitivity = np.maximum((by_depth + by_color) / width * shown, 1.0 / value_range)
         return cls(tolerance / panels**4 / sensitivity, SplineRules.for_tolerance(tolerance, panels))
-
-
-def _bernstein(x: F64, degree: int) -> F64:
-    """(N, degree + 1) float64, the Bernstein polynomials of a degree at `x`."""
-    columns = [math.comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]
-    return np.stack(columns, axis=-1)
 
 
 @compiled

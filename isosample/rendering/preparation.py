@@ -124,18 +124,21 @@ class _Extractor:
         self, isovalues: F64, settings: ExtractionSettings, extracted: SurfaceSet | None = None
     ) -> SurfaceSet:
         """Return surfaces; those that are at hand (`extracted`) are only added to the folder."""
-        options = settings.as_keywords() | {"progress": of_detail(self.progress, settings.detail)}
+        progress = of_detail(self.progress, settings.detail)
         if self.cache is None:
-            return extracted or extract_surfaces(self.volume, isovalues, **options)
+            return extracted or extract_surfaces(
+                self.volume, isovalues, progress=progress, **settings.as_keywords()
+            )
         return extract_with_cache(
             self.volume,
             isovalues,
             self.cache,
+            settings=settings,
             plain=self.plain,
             # Coarser meshes have none: they might make room by what the finest needs.
             budget_bytes=None if settings.detail else self.budget_bytes,
             extracted=extracted,
-            **options,
+            progress=progress,
         )
 
 

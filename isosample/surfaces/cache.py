@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import write_boundary
-from isosample.surfaces.cache_files import REMEDY, read_json, write_json
+from isosample.surfaces.cache_files import write_json
 from isosample.surfaces.cache_levels import (
     Piece,
     content_in_place,
@@ -36,7 +36,7 @@ from isosample.surfaces.surface_files import listed_key, read_rows, surface_key,
 from isosample.surfaces.surface_set import SurfaceSet
 from isosample.surfaces.volume_file import claim_folder as claim_folder
 from isosample.surfaces.volume_file import content_hash as content_hash
-from isosample.surfaces.volume_file import read_volume
+from isosample.surfaces.volume_file import read_scene, read_volume
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import bricks_of
@@ -175,9 +175,7 @@ def open_cache(folder: str | Path) -> OpenedScene:
     """Return the scene of a cache folder, whose meshes are loaded when they are asked for; raises as `load_cache`."""
     folder = Path(folder)
     volume = read_volume(folder)
-    scene = read_json(folder / "scene.json", "scene")
-    if scene["content_hash"] != volume["content_hash"]:
-        raise CacheError(f"{folder / 'scene.json'} is of another volume than volume.json. {REMEDY}")
+    scene = read_scene(folder, volume["content_hash"])
     levels = check_isovalues([float.fromhex(entry["isovalue"]) for entry in scene["surfaces"]])
 
     def opened(part: dict[str, Any]) -> StoredSurfaces:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.errors import CacheError
+from isosample.errors import CacheError, InputError
+from isosample.surfaces.boundary_files import boundary_path, read_boundary
 from isosample.surfaces.cache_files import read_arrays, read_json
-from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk, remove
-from isosample.surfaces.surface_files import rows_of_arrays, surface_path
+from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk
+from isosample.surfaces.settings import ExtractionSettings
+from isosample.surfaces.surface_files import AbsentSurfaceError, read_rows, rows_of_arrays, surface_path
+from isosample.surfaces.volume_file import read_scene
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
 
@@ -49,14 +53,6 @@ class FolderSummary(NamedTuple):
     used: float
     finished: bool
     problem: str
-
-
-class FolderPruned(NamedTuple):
-    """What was removed from a folder, or would be: chunks, and their bytes."""
-
-    folder: Path
-    chunks: int
-    size_bytes: int
 
 
 class FolderVerified(NamedTuple):
@@ -144,29 +140,46 @@ def folder_bytes(folder: Path) -> int:
 
 def verify_folder(folder: Path) -> FolderVerified:
     """Read every file of a cache folder, and tell which are damaged, with the reason each, and what is missing."""
-    damaged = []
+    damaged: dict[Path, str] = {}
+    volume: dict[str, Any] = {}
+    with _noting(damaged, folder / "volume.json"):
+        volume = read_json(folder / "volume.json", "cache")
+    if has_scene(folder):  # else it was never rendered as a scene
+        with _noting(damaged, folder / "scene.json"):
+            _verify_scene(folder, read_scene(folder, volume.get("content_hash")), damaged)
     listed: set[bytes] = set()
-    for name, kind in (("volume.json", "cache"), ("scene.json", "scene")):
-        path = folder / name
-        if name == "scene.json" and not path.exists():
-            continue  # a folder that was never rendered as a scene
-        try:
-            document = read_json(path, kind)
-        except CacheError as error:
-            damaged.append(DamagedChunk(path, str(error)))
-            continue
-        if name == "scene.json":
-            damaged += _missing_lists(folder, document)
-    store = ChunkFolder(folder, read_only=True)
-    for path in sorted([*folder.glob("*.npz"), *folder.glob("tables/*.npz"), *folder.glob("surfaces/*.npz")]):
-        try:
+    for path in sorted([*folder.glob("*.npz"), *folder.glob("surfaces/*.npz")]):
+        with _noting(damaged, path):
             arrays, _ = read_arrays(path, {})
             if path.parent.name == "surfaces":
                 listed.update(rows_of_arrays(arrays, path)["key"].tolist())
-        except CacheError as error:
-            damaged.append(DamagedChunk(path, str(error)))
+    store = ChunkFolder(folder, read_only=True)
     there = {key.encode() for key in store.keys()}  # noqa: SIM118  # a store is no mapping
-    return FolderVerified((*damaged, *store.verify().damaged), len(listed), len(listed - there))
+    files = (DamagedChunk(path, reason) for path, reason in damaged.items())
+    return FolderVerified((*files, *store.verify().damaged), len(listed), len(listed - there))
+
+
+def _verify_scene(folder: Path, scene: Mapping[str, Any], damaged: dict[Path, str]) -> None:
+    """Read what a scene and its details need, and hold it against the digests that the scene pins."""
+    for part in (scene, *scene.get("details", [])):
+        settings = ExtractionSettings.from_dict(part["settings"])
+        with _noting(damaged, boundary_path(folder, settings)):
+            read_boundary(folder, scene["content_hash"], settings, scene["boundary_sha256"])
+        detail = f", detail {settings.detail}," if settings.detail else ""
+        for entry in part["surfaces"]:
+            path, isovalue = surface_path(folder, entry["key"]), float.fromhex(entry["isovalue"])
+            with _noting(damaged, path, f"isosurface {isovalue!r}{detail} of scene.json is missing."):
+                read_rows(folder, entry["key"], isovalue, entry["sha256"])
+
+
+@contextlib.contextmanager
+def _noting(damaged: dict[Path, str], path: Path, absent: str | None = None) -> Iterator[None]:
+    """Note a file that turns out to be damaged, by its first reason; `absent` is told of a list that is missing."""
+    try:
+        yield
+    except (CacheError, InputError) as error:  # the latter where a scene has settings that are unknown here
+        told = absent if absent and isinstance(error, AbsentSurfaceError) else str(error)
+        damaged.setdefault(path, told)
 
 
 def scene_lacks(folder: Path) -> int:
@@ -184,51 +197,6 @@ def scene_lacks(folder: Path) -> int:
     there = set(ChunkFolder(folder, read_only=True).keys())
     tables = [one.chunk_table for one in open_cache(folder).surfaces.by_detail]
     return len({key.decode() for table in tables for key in table["key"].tolist()} - there)
-
-
-def _missing_lists(folder: Path, scene: Mapping[str, Any]) -> list[DamagedChunk]:
-    """Return the lists of chunks that a scene names, of its surfaces and their details, and that are not there."""
-    named = [(part, entry) for part in (scene, *scene.get("details", [])) for entry in part["surfaces"]]
-    damaged = []
-    for part, entry in named:
-        path = surface_path(folder, entry["key"])
-        if not path.exists():
-            detail = part["settings"].get("detail", 0)
-            what = f"isosurface {float.fromhex(entry['isovalue'])!r}" + (
-                f", detail {detail}," if detail else ""
-            )
-            damaged.append(DamagedChunk(path, f"{what} of scene.json is missing."))
-    return damaged
-
-
-def prune_folders(folders: Sequence[Path], budget_bytes: int, *, pretend: bool = False) -> list[FolderPruned]:
-    """Remove the chunks of all folders that were used longest ago, until all together take at most so many bytes.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-    budget_bytes : int
-    pretend : bool
-        Remove nothing, and tell what would be.
-
-    Raises
-    ------
-    CacheError
-        If a file cannot be removed.
-    """
-    stores = [ChunkFolder(folder) for folder in folders]
-    there = [(chunk.used, number, chunk) for number, store in enumerate(stores) for chunk in store.chunks()]
-    excess = sum(chunk.size_bytes for _, _, chunk in there) - budget_bytes
-    counts, freed = [0] * len(stores), [0] * len(stores)
-    for _, number, chunk in sorted(there):
-        if excess <= 0:
-            break
-        if not pretend:
-            remove(stores[number].path(chunk.key))
-        excess -= chunk.size_bytes
-        counts[number] += 1
-        freed[number] += chunk.size_bytes
-    return [FolderPruned(*row) for row in zip(folders, counts, freed, strict=True)]
 
 
 def _is_cache(folder: Path) -> bool:

@@ -13,22 +13,21 @@ from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
 from isosample.surfaces.boundary_files import boundary_path, read_boundary, write_boundary
 from isosample.surfaces.cache_levels import (
-    Field,
     Piece,
+    ScannedField,
     extract_pieces,
     load_pieces,
     refuses_writing,
     rows_of,
     wanted_pieces,
 )
-from isosample.surfaces.settings import FLATNESS, ExtractionSettings, check_isovalues, check_volume
+from isosample.surfaces.field import ExtractedField, Field
+from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import MeshStore, full_disk_explained
 from isosample.surfaces.surface_files import surface_key, write_rows
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet, count_per_level
 from isosample.surfaces.volume_file import claim_folder, content_hash
 from isosample.tally import EXTRACTIONS, tally
-from isosample.volume.bricks import BRICK_CELLS
-from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import scan_volume
 from isosample.wording import counted
 
@@ -38,19 +37,16 @@ if TYPE_CHECKING:
     from isosample.surfaces.mesh import BrickMesh
     from isosample.volume.grid import F64, Volume
 
+# Of the largest sample: far above the rounding of a fit, far below what tells two volumes apart.
+FIT_ROUNDING = 1e-9
+
 
 def extract_with_cache(
     volume: Volume,
     isovalues: Sequence[float] | F64,
     folder: str | Path,
     *,
-    brick_cells: int = BRICK_CELLS,
-    nan_masked: bool = False,
-    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
-    refine: int = 1,
-    residuals: bool = False,
-    detail: int = 0,
-    flatness: float = FLATNESS,
+    settings: ExtractionSettings | None = None,
     budget_bytes: int | None = None,
     plain: bool = False,
     extracted: SurfaceSet | None = None,
@@ -60,18 +56,20 @@ def extract_with_cache(
 
     Parameters
     ----------
-    volume, isovalues, brick_cells, nan_masked, reconstruction, refine, residuals, detail, flatness, progress
+    volume, isovalues, progress
         As for `extract_surfaces`.
     folder : path
         The volume's cache folder, made if absent. One that cannot be written is read, with a warning where
         something would have been added.
+    settings : ExtractionSettings, optional
+        What `extract_surfaces` has as keywords.
     budget_bytes : int, optional
         Largest size of all chunks in the folder; those that were used longest ago, and not by this call, make room.
     plain : bool
         Add chunks that need no decoding, four to six times as large and loaded several times as fast.
     extracted : SurfaceSet, optional
         What `extract_surfaces` gives for these isovalues and settings, if it is at hand: what the folder lacks is
-        taken from it.
+        taken from it, and no spline is fitted.
 
     Returns
     -------
@@ -83,40 +81,33 @@ def extract_with_cache(
     Raises
     ------
     InputError
-        As `extract_surfaces`; also if `extracted` has other isovalues or settings, or is of a volume of another
-        geometry or range.
+        As `extract_surfaces`; also if `extracted` has other isovalues or settings, or cannot be of this volume: by its
+        geometry, its range and, of a smooth reconstruction, its corners.
     CacheError
         If the folder belongs to another volume or format version, or cannot be written. What was extracted until
         then is kept: the same call goes on from there.
     """
     folder = Path(folder)
-    settings = ExtractionSettings(
-        brick_cells=brick_cells,
-        nan_masked=nan_masked,
-        reconstruction=reconstruction,
-        refine=refine,
-        residuals=residuals,
-        detail=detail,
-        flatness=flatness,
-    )
+    settings = settings or ExtractionSettings()
     levels = check_isovalues(isovalues)
-    scan = scan_volume(volume, brick_cells)
+    scan = scan_volume(volume, settings.brick_cells)
     scan.tell(volume)
     check_volume(volume, settings)
     volume_hash = content_hash(volume, scan)
-    field = Field.of(volume, settings, scan, volume_hash, extracted)
     if extracted is not None:
-        _check_extracted(extracted, levels, field)
+        _check_extracted(extracted, levels, volume, settings)
+    field = Field(volume, settings) if extracted is None else ExtractedField(volume, settings, extracted)
+    scanned = ScannedField(field=field, scan=scan, content_hash=volume_hash)
     claim_folder(folder, volume.geometry, volume_hash, volume.name)
     store = MeshStore(folder, budget_bytes=budget_bytes, plain=plain)
-    pieces, unlisted = wanted_pieces(folder, field, levels)
+    pieces, unlisted = wanted_pieces(folder, scanned, levels)
     found = dict(zip(pieces, load_pieces(store, [piece.key for piece in pieces]), strict=True))
     missing = [piece for piece, mesh in found.items() if mesh is None]
     if missing and extracted is None:
         tally(EXTRACTIONS)
-    found.update(extract_pieces(field, levels, missing, store, progress))
+    found.update(extract_pieces(scanned, levels, missing, store, progress))
     meshes = {piece: mesh for piece, mesh in sorted(found.items()) if mesh is not None}
-    surfaces = _surface_set(folder, field, levels, meshes, missing)
+    surfaces = _surface_set(folder, scanned, levels, meshes, missing)
     try:
         with full_disk_explained():
             write_boundary(folder, volume_hash, surfaces)
@@ -132,22 +123,27 @@ def extract_with_cache(
 
 
 def _surface_set(
-    folder: Path, field: Field, levels: F64, meshes: dict[Piece, BrickMesh], extracted: Sequence[Piece]
+    folder: Path,
+    scanned: ScannedField,
+    levels: F64,
+    meshes: dict[Piece, BrickMesh],
+    extracted: Sequence[Piece],
 ) -> SurfaceSet:
     """Put the meshes together, with the boundary of the folder where it is there."""
-    boundary, value_range = _boundary(folder, field)
+    boundary, value_range = _boundary(folder, scanned)
+    bricks_total = len(scanned.bricks)
     shown = tuple(mesh for mesh in meshes.values() if len(mesh.triangles))
     return SurfaceSet(
-        geometry=field.volume.geometry,
+        geometry=scanned.field.volume.geometry,
         isovalues=levels,
         meshes=shown,
         boundary=boundary,
         value_range=value_range,
-        settings=field.settings,
+        settings=scanned.settings,
         statistics=ExtractionStatistics(
-            bricks_total=len(field.bricks),
+            bricks_total=bricks_total,
             brick_visits=len(extracted),
-            brick_visits_skipped=len(field.bricks) * len(levels) - len(meshes),
+            brick_visits_skipped=bricks_total * len(levels) - len(meshes),
             levels_reused=len(levels) - len({piece.level for piece in extracted}),
             chunks_reused=len(meshes) - len(extracted),
             triangles=count_per_level(levels, shown, "triangles"),
@@ -156,25 +152,42 @@ def _surface_set(
     )
 
 
-def _check_extracted(extracted: SurfaceSet, levels: F64, field: Field) -> None:
+def _check_extracted(
+    extracted: SurfaceSet, levels: F64, volume: Volume, settings: ExtractionSettings
+) -> None:
     """Raise unless surfaces that are at hand are of this volume, and those that are asked for."""
-    same_settings = extracted.settings.to_dict() == field.settings.to_dict()
+    same_settings = extracted.settings.to_dict() == settings.to_dict()
     if not same_settings or not np.array_equal(extracted.isovalues, levels):
         raise InputError(
             f"the extracted surfaces have {len(extracted.isovalues)} isovalues and {extracted.settings}; "
-            f"{len(levels)} isovalues with {field.settings} are asked for. Pass what extract_surfaces gives for these."
+            f"{len(levels)} isovalues with {settings} are asked for. Pass what extract_surfaces gives for these."
         )
-    geometry, value_range = field.volume.geometry, _value_range(field)
-    if extracted.geometry != geometry or extracted.value_range != value_range:
+    if extracted.geometry != volume.geometry or not _may_be_of(extracted, volume):
         raise InputError(
             f"the extracted surfaces are of a volume of {extracted.geometry} with values {extracted.value_range}; "
-            f"{field.volume.name} has {geometry} and {value_range}. Pass what extract_surfaces gives for this volume."
+            f"{volume.name} has {volume.geometry} and {volume.value_range}, or other corners. Pass what "
+            "extract_surfaces gives for this volume."
         )
 
 
-def _value_range(field: Field) -> tuple[float, float]:
-    """Return the range of a volume, or of its spline."""
-    return field.volume.value_range if field.spline is None else field.spline.value_range
+def _may_be_of(extracted: SurfaceSet, volume: Volume) -> bool:
+    """Tell by range and corners whether surfaces can be of a volume of this geometry, without fitting a spline.
+
+    The range of a spline holds that of the samples, and every reconstruction passes through the samples at the corners,
+    both but for the rounding of the fit.
+    """
+    low, high = volume.value_range
+    if not extracted.settings.reconstruction.smooth:
+        return extracted.value_range == (low, high)
+    slack = FIT_ROUNDING * max(abs(low), abs(high))
+    lowest, highest = extracted.value_range
+    y, z = ([0.0, count - 1.0] for count in volume.size_xyz[1:])
+    u, v = np.meshgrid(y, z)
+    own = BoundarySlices.from_volume(volume)
+    off = [
+        np.abs(own.value(0, side, u, v) - extracted.boundary.value(0, side, u, v)).max() for side in (0, 1)
+    ]
+    return lowest <= low + slack and high - slack <= highest and max(off) <= slack
 
 
 def _tell(store: MeshStore) -> None:
@@ -194,9 +207,9 @@ def _tell(store: MeshStore) -> None:
         )
 
 
-def _boundary(folder: Path, field: Field) -> tuple[BoundarySlices, tuple[float, float]]:
+def _boundary(folder: Path, scanned: ScannedField) -> tuple[BoundarySlices, tuple[float, float]]:
     """Return faces and value range, read where they are there and whole."""
-    if boundary_path(folder, field.settings).exists():
+    if boundary_path(folder, scanned.settings).exists():
         with contextlib.suppress(CacheError):  # damaged: made anew, as if it were absent
-            return read_boundary(folder, field.content_hash, field.settings, None)
-    return BoundarySlices.from_volume(field.volume, field.spline), _value_range(field)
+            return read_boundary(folder, scanned.content_hash, scanned.settings, None)
+    return scanned.field.boundary, scanned.field.value_range

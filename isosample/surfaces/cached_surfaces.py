@@ -9,15 +9,14 @@ from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import read_boundary
 from isosample.surfaces.cache_levels import load_pieces
 from isosample.surfaces.chunk_table import ChunkTable
-from isosample.surfaces.settings import FLATNESS, ExtractionSettings, check_isovalues
+from isosample.surfaces.settings import ExtractionSettings, check_isovalues
 from isosample.surfaces.store import MeshStore
 from isosample.surfaces.stored_surfaces import StoredSurfaces
 from isosample.surfaces.surface_files import listed_key, read_rows, surface_path
 from isosample.surfaces.surface_set import ExtractionStatistics, SurfaceSet
 from isosample.surfaces.volume_file import read_volume
-from isosample.volume.bricks import BRICK_CELLS, bricks_of
+from isosample.volume.bricks import bricks_of
 from isosample.volume.geometry import GridGeometry
-from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,36 +26,18 @@ if TYPE_CHECKING:
 
 
 def load_surface_set(
-    folder: str | Path,
-    isovalues: Sequence[float] | F64,
-    *,
-    brick_cells: int = BRICK_CELLS,
-    nan_masked: bool = False,
-    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
-    refine: int = 1,
-    residuals: bool = False,
-    detail: int = 0,
-    flatness: float = FLATNESS,
+    folder: str | Path, isovalues: Sequence[float] | F64, settings: ExtractionSettings | None = None
 ) -> SurfaceSet:
     """Return surfaces of a cache folder, which were extracted with the same settings, all in memory.
 
     Raises
     ------
     InputError
-        If the isovalues are not finite and strictly ascending, or the settings are impossible.
+        If the isovalues are not finite and strictly ascending.
     CacheError
         As `load_cache`; also if a surface is not there (names the isovalue).
     """
-    settings = ExtractionSettings(
-        brick_cells=brick_cells,
-        nan_masked=nan_masked,
-        reconstruction=reconstruction,
-        refine=refine,
-        residuals=residuals,
-        detail=detail,
-        flatness=flatness,
-    )
-    return in_memory(open_surface_set(folder, isovalues, settings))
+    return in_memory(open_surface_set(folder, isovalues, settings or ExtractionSettings()))
 
 
 def open_surface_set(

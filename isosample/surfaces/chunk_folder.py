@@ -7,23 +7,22 @@ time of change says when it was last used.
 from __future__ import annotations
 
 import contextlib
-import time
 from typing import TYPE_CHECKING, NamedTuple
 
 from isosample.errors import CacheError
+from isosample.files import leftovers
 from isosample.surfaces.chunk_decoding import decode
 from isosample.surfaces.plain_chunks import PLAIN_MAGIC, decode_plain
 
 if TYPE_CHECKING:
     import mmap
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
     from isosample.surfaces.mesh import BrickMesh
 
 CHUNK_FOLDER = "chunks"
 CHUNK_SUFFIX = ".chunk"
-STALE_SECONDS = 3600.0  # a temporary file as old as that was left by a process that was killed
 
 
 class StoredChunk(NamedTuple):
@@ -42,10 +41,22 @@ class DamagedChunk(NamedTuple):
 
 
 class Pruned(NamedTuple):
-    """What `ChunkFolder.prune` took away and left."""
+    """What `prune` took away from one folder, and left.
+
+    Attributes
+    ----------
+    chunks, size_bytes : int
+        Chunks that made room, and their bytes.
+    leftovers, leftover_bytes : int
+        Temporary files of processes that were killed while they wrote, and their bytes.
+    chunks_left, bytes_left : int
+        Chunks that stay, and their bytes.
+    """
 
     chunks: int
     size_bytes: int
+    leftovers: int
+    leftover_bytes: int
     chunks_left: int
     bytes_left: int
 
@@ -90,32 +101,17 @@ class ChunkFolder:
         return sorted(found, key=lambda chunk: (chunk.used, chunk.key))
 
     def prune(self, budget_bytes: int, *, keep: Collection[str] = ()) -> Pruned:
-        """Remove the chunks that were used longest ago, until all take at most so many bytes.
+        """Make room in this folder alone, as `prune` does."""
+        return prune([self], budget_bytes, keep=keep)[0]
 
-        Parameters
-        ----------
-        budget_bytes : int
-        keep : collection of str
-            Keys of chunks that stay, whatever the budget.
-
-        Raises
-        ------
-        CacheError
-            If the store is read-only or a file cannot be removed.
-        """
-        if self.read_only:
-            raise CacheError(f"{self.folder} was opened for reading only; nothing can be removed from it.")
-        self._remove_leftovers()
-        there = self.chunks()
-        total, removed, freed = sum(chunk.size_bytes for chunk in there), 0, 0
-        for chunk in there:
-            if total - freed <= budget_bytes:
-                break
-            if chunk.key in keep:
-                continue
-            remove(self.path(chunk.key))
-            removed, freed = removed + 1, freed + chunk.size_bytes
-        return Pruned(removed, freed, len(there) - removed, total - freed)
+    def leftovers(self) -> list[tuple[Path, int]]:
+        """Return the temporary files that killed processes left anywhere in the folder, with their bytes."""
+        places = (
+            self.folder,
+            *self.folder.glob("surfaces"),
+            *self.folder.glob(f"{CHUNK_FOLDER}/[0-9a-f][0-9a-f]"),
+        )
+        return [found for place in places for found in leftovers(place)]
 
     def verify(self) -> Verified:
         """Decode every chunk; nothing is removed."""
@@ -141,12 +137,64 @@ class ChunkFolder:
         folder = self.folder / CHUNK_FOLDER
         return (path for path in folder.glob(f"[0-9a-f][0-9a-f]/*{CHUNK_SUFFIX}"))
 
-    def _remove_leftovers(self) -> None:
-        """Remove temporary files of processes that were killed while they wrote."""
-        for path in (self.folder / CHUNK_FOLDER).glob("[0-9a-f][0-9a-f]/.*.tmp"):
-            with contextlib.suppress(OSError):
-                if time.time() - path.stat().st_mtime > STALE_SECONDS:
-                    path.unlink()
+
+def prune(
+    stores: Sequence[ChunkFolder], budget_bytes: int, *, keep: Collection[str] = (), pretend: bool = False
+) -> list[Pruned]:
+    """Remove the chunks that were used longest ago, wherever they are, until all together take at most so many bytes.
+
+    What killed processes left half-written is removed, whatever the budget.
+
+    Parameters
+    ----------
+    stores : sequence of ChunkFolder
+    budget_bytes : int
+    keep : collection of str
+        Keys of chunks that stay, whatever the budget.
+    pretend : bool
+        Remove nothing, and tell what would be.
+
+    Returns
+    -------
+    pruned : list of Pruned
+        One for each folder.
+
+    Raises
+    ------
+    CacheError
+        If a folder is read-only or a file cannot be removed.
+    """
+    for store in stores:
+        if store.read_only and not pretend:
+            raise CacheError(f"{store.folder} was opened for reading only; nothing can be removed from it.")
+    left_over = [store.leftovers() for store in stores]
+    there = [store.chunks() for store in stores]
+    oldest = sorted((chunk.used, place, chunk) for place, found in enumerate(there) for chunk in found)
+    excess = sum(chunk.size_bytes for _, _, chunk in oldest) - budget_bytes
+    gone: list[list[int]] = [[] for _ in stores]  # sizes of chunks
+    condemned = [path for found in left_over for path, _ in found]
+    for _, place, chunk in oldest:
+        if excess <= 0:
+            break
+        if chunk.key in keep:
+            continue
+        condemned.append(stores[place].path(chunk.key))
+        gone[place].append(chunk.size_bytes)
+        excess -= chunk.size_bytes
+    if not pretend:
+        for path in condemned:
+            remove(path)
+    return [
+        Pruned(
+            chunks=len(sizes),
+            size_bytes=sum(sizes),
+            leftovers=len(temporary),
+            leftover_bytes=sum(size for _, size in temporary),
+            chunks_left=len(found) - len(sizes),
+            bytes_left=sum(chunk.size_bytes for chunk in found) - sum(sizes),
+        )
+        for found, sizes, temporary in zip(there, gone, left_over, strict=True)
+    ]
 
 
 def remove(path: Path) -> None:

@@ -88,21 +88,3 @@ class ChunkHeader(NamedTuple):
         if len(data) != HEAD_BYTES + header.frame_bytes:
             raise CacheError(f"it has {len(data)} bytes, expected {HEAD_BYTES + header.frame_bytes}.")
         return header
-
-
-class ChunkSummary(NamedTuple):
-    """What a chunk's header tells without decoding it."""
-
-    name: bytes
-    isovalue: float
-    brick: tuple[int, int, int]
-    vertex_count: int
-    triangle_count: int
-
-
-def summary(data: bytes) -> ChunkSummary:
-    """Return what the header of a chunk tells; raises as `decode` for a header that is damaged."""
-    header = ChunkHeader.read(data)
-    return ChunkSummary(
-        header.name, header.isovalue, header.brick, header.vertex_count, header.triangle_count
-    )

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isosample.surfaces.boundary import BoundarySlices
-from isosample.surfaces.brick_meshes import extract_brick
-from isosample.surfaces.brick_samples import load_brick, spline_brick
+from isosample.surfaces.field import Field, active_levels
 from isosample.surfaces.settings import FLATNESS
 from isosample.surfaces.settings import ExtractionSettings as ExtractionSettings
 from isosample.surfaces.settings import check_isovalues as check_isovalues
@@ -22,7 +19,7 @@ from isosample.surfaces.surface_set import count_per_level
 from isosample.tally import EXTRACTIONS, tally
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of, finite_ranges
 from isosample.volume.grid import check_is_volume
-from isosample.volume.reconstruction import GridSpline, Reconstruction
+from isosample.volume.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -106,12 +103,12 @@ def extract_surfaces(
     bricks = bricks_of(volume.size_xyz, brick_cells)
     ranges = None if reconstruction.smooth else _ranges(volume, bricks)
     check_volume(volume, settings)
-    spline = GridSpline.build(volume, reconstruction) if reconstruction.smooth else None
-    nodes = _values_at_samples(volume, reconstruction, spline)
-    active = _active_levels(_ranges(nodes, bricks) if ranges is None else ranges, levels)
+    field = Field(volume, settings)
+    field.prepare()
+    active = active_levels(_ranges(field.nodes, bricks) if ranges is None else ranges, levels)
     visits = [(bricks[row], levels[active[row]]) for row in np.flatnonzero(active.any(axis=1))]
     meshes: list[BrickMesh] = []
-    for done, found in enumerate(_visit_bricks(nodes, spline, visits, settings), start=1):
+    for done, found in enumerate(_visit_bricks(field, visits), start=1):
         meshes += found
         if progress is not None:
             progress(done, len(visits))
@@ -120,8 +117,8 @@ def extract_surfaces(
         geometry=volume.geometry,
         isovalues=levels,
         meshes=tuple(meshes),
-        boundary=BoundarySlices.from_volume(volume, spline),
-        value_range=volume.value_range if spline is None else spline.value_range,
+        boundary=field.boundary,
+        value_range=field.value_range,
         settings=settings,
         statistics=ExtractionStatistics(
             bricks_total=len(bricks),
@@ -164,39 +161,16 @@ def extract_meshes(
     return [surfaces.mesh(level) for level in range(len(surfaces.isovalues))]
 
 
-def _values_at_samples(volume: Volume, reconstruction: Reconstruction, spline: GridSpline | None) -> Volume:
-    """Return the field at the samples: they themselves, except where the reconstruction smooths them.
-
-    An interpolating spline passes through the samples up to rounding, which would tear plateaus that equal an isovalue.
-    """
-    if spline is None or reconstruction.interpolates:
-        return volume
-    return replace(volume, array=spline.samples())
-
-
-def _visit_bricks(
-    nodes: Volume,
-    spline: GridSpline | None,
-    visits: Sequence[tuple[Brick, F64]],
-    settings: ExtractionSettings,
-) -> Iterator[list[BrickMesh]]:
+def _visit_bricks(field: Field, visits: Sequence[tuple[Brick, F64]]) -> Iterator[list[BrickMesh]]:
     """Yield the meshes of every brick, in order, extracted by one thread per core.
 
     The kernels release the interpreter's lock.
     """
-
-    def visit(task: tuple[Brick, F64]) -> list[BrickMesh]:
-        brick, isovalues = task
-        samples = (
-            load_brick(nodes, brick, passing=True) if spline is None else spline_brick(nodes, spline, brick)
-        )
-        return extract_brick(samples, isovalues, brick, nodes, settings)
-
     workers = os.cpu_count() or 1
     groups = _groups(visits, workers)
     pool = ThreadPoolExecutor(max_workers=workers)
     try:
-        for found in pool.map(lambda group: [visit(task) for task in group], groups):
+        for found in pool.map(lambda group: [field.meshes(*task) for task in group], groups):
             yield from found
     finally:
         pool.shutdown(cancel_futures=True)
@@ -226,8 +200,3 @@ def _ranges(volume: Volume, bricks: Sequence[Brick]) -> F64:
     known["value_range"] = volume.checked_range(float(ranges[:, 0].min()), float(ranges[:, 1].max()))
     known["nonfinite_counts"] = (0, 0)
     return ranges
-
-
-def _active_levels(ranges: F64, levels: F64) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(B, K) bool, whether a brick has samples on both sides: low < isovalue <= high, equal being inside."""
-    return (ranges[:, :1] < levels) & (levels <= ranges[:, 1:])

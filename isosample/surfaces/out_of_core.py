@@ -12,10 +12,8 @@ import numpy as np
 
 from isosample.errors import CacheError, InputError
 from isosample.surfaces.boundary import BoundarySlices
-from isosample.surfaces.brick_meshes import extract_brick
-from isosample.surfaces.brick_samples import load_brick
-from isosample.surfaces.cache_levels import no_mesh
 from isosample.surfaces.chunk_table import ChunkTable, chunk_row
+from isosample.surfaces.field import Field, active_levels
 from isosample.surfaces.memory import DEFAULT_MEMORY, Gate, MemoryPlan
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues, check_volume
 from isosample.surfaces.store import chunk_key
@@ -185,8 +183,8 @@ def _check_local(settings: ExtractionSettings) -> None:
 
 
 def _jobs(volume: Volume, scan: BrickScan, levels: F64, settings: ExtractionSettings) -> list[Job]:
-    """Isosurfaces in every brick whose samples lie on both sides: low < isovalue <= high, equal being inside."""
-    active = (scan.ranges[:, :1] < levels) & (levels <= scan.ranges[:, 1:])
+    """Isosurfaces to extract in every brick that has some."""
+    active = active_levels(scan.ranges, levels)
     mirrored = volume.geometry.left_handed
     jobs = []
     for row in np.flatnonzero(active.any(axis=1)).tolist():
@@ -286,13 +284,9 @@ def _parts(job: Job, brick: Brick, settings: ExtractionSettings, budget: int) ->
 
 def _visit(volume: Volume, brick: Brick, job: Job, place: _Place) -> list[Rows]:
     """Extract one brick, keep its pieces, and tell what they are."""
-    samples = load_brick(volume, brick, passing=True)
-    meshes = {
-        mesh.isovalue: mesh for mesh in extract_brick(samples, job.isovalues, brick, volume, place.settings)
-    }
+    pieces = Field(volume, place.settings).pieces(brick, job.isovalues)
     rows = []
-    for isovalue, key in zip(job.isovalues.tolist(), job.keys, strict=True):
-        mesh = meshes.pop(isovalue, None) or no_mesh(isovalue, brick)
+    for key, mesh in zip(job.keys, pieces, strict=True):
         place.store.put(key, mesh)
         rows.append(chunk_row(mesh, job.row, key))
     return rows

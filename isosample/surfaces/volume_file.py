@@ -1,11 +1,14 @@
-"""Whose a cache folder is: volume.json holds a volume's name, geometry and the digest of its samples."""
+"""Whose a cache folder is: volume.json holds a volume's name, geometry and the digest of its samples.
+
+scene.json says of which volume it is, too.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from isosample.errors import CacheError
-from isosample.surfaces.cache_files import digest_of, read_json, write_json
+from isosample.surfaces.cache_files import REMEDY, digest_of, read_json, write_json
 from isosample.volume.bricks import BRICK_CELLS
 from isosample.volume.scan import scan_volume
 
@@ -62,3 +65,23 @@ def read_volume(folder: Path) -> dict[str, Any]:
             "Make one with `isosample precompute VOLUME --tf TF --cache FOLDER`."
         )
     return read_json(folder / "volume.json", "cache")
+
+
+def read_scene(folder: Path, content_hash: str | None) -> dict[str, Any]:
+    """Return what scene.json says.
+
+    Parameters
+    ----------
+    folder : Path
+    content_hash : str or None
+        Of the folder's volume; None where that is not known.
+
+    Raises
+    ------
+    CacheError
+        If there is none, it cannot be used, or it is of another volume.
+    """
+    scene = read_json(folder / "scene.json", "scene")
+    if content_hash not in (None, scene["content_hash"]):
+        raise CacheError(f"{folder / 'scene.json'} is of another volume than volume.json. {REMEDY}")
+    return scene

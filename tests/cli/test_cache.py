@@ -187,6 +187,21 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert [(row["cache"], row["pieces_missing"]) for row in found["incomplete"]] == [("meshes", 3)]
 
 
+def test_prune_removes_what_killed_processes_left(run: Run, cache: Path) -> None:
+    there = chunks(cache)
+    left = cache / "surfaces" / f".{'0' * 32}.tmp"
+    left.write_bytes(b"half a list")
+    os.utime(left, (1e9, 1e9))
+    foretold = json.loads(run("cache prune meshes --budget 1GiB --dry-run --json").out)["removed"]
+    assert [(row["chunks"], row["leftovers"], row["leftover_bytes"]) for row in foretold] == [(0, 1, 11)]
+    assert left.exists()
+    outcome = run("cache prune meshes --budget 1GiB")
+    assert "removed 1 half-written file (11 bytes) of meshes" in outcome.out
+    assert outcome.fields()["removed"].startswith("0 meshes")
+    assert not left.exists()
+    assert chunks(cache) == there
+
+
 @pytest.mark.usefixtures("cache")
 @pytest.mark.parametrize(
     "words",

@@ -12,10 +12,11 @@ from isosample.defaults import AUTO_DISTANCE
 from isosample.errors import InputError
 from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality
-from isosample.surfaces import cache_levels
+from isosample.surfaces import cached_extraction, field
 from isosample.surfaces.brick_meshes import extract_brick
 from isosample.surfaces.cache import extract_with_cache
 from isosample.surfaces.extract import extract_surfaces
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.volume.grid import Volume
 from isosample.volume.reconstruction import Reconstruction
 from rendering.scenes import ramp_tf
@@ -64,16 +65,22 @@ def test_what_a_search_for_a_tolerance_has_extracted_goes_into_the_folder_as_it_
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
     quality = Quality(tolerance=1 / 16, refine=None, reconstruction=reconstruction)
     with monkeypatch.context() as watched:
-        watched.setattr(cache_levels, "extract_brick", refuse)
+        watched.setattr(cached_extraction, "Field", refuse)
         found = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
         again = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
-    options = found.surfaces.settings.as_keywords()
-    assert options["residuals"]
+    settings = found.surfaces.settings
+    assert settings.residuals
     levels = found.plan.isovalues
-    assert_same(found.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+    assert_same(
+        found.surfaces,
+        extract_with_cache(volume, levels, tmp_path / "expected", settings=settings),
+    )
     assert contents(tmp_path / "found") == contents(tmp_path / "expected")
     assert again.surfaces.statistics.levels_reused == len(levels)
-    assert_same(again.surfaces, extract_with_cache(volume, levels, tmp_path / "expected", **options))
+    assert_same(
+        again.surfaces,
+        extract_with_cache(volume, levels, tmp_path / "expected", settings=settings),
+    )
 
 
 @pytest.mark.parametrize("reconstruction", [Reconstruction.TRILINEAR, Reconstruction.BSPLINE])
@@ -84,9 +91,9 @@ def test_automatic_refinement_extracts_nothing_that_the_folder_has(
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
     quality = Quality(per_slope=2, refine=None, reconstruction=reconstruction)
     first = prepare_surfaces(volume, tf, quality, cache=tmp_path)
-    monkeypatch.setattr(cache_levels, "extract_brick", refuse)
-    again = prepare_surfaces(volume, tf, quality, cache=tmp_path)
     alone = prepare_surfaces(volume, tf, quality)
+    monkeypatch.setattr(field, "extract_brick", refuse)
+    again = prepare_surfaces(volume, tf, quality, cache=tmp_path)
     assert first.surfaces.settings.refine > 1  # so that more than one was tried
     assert again.surfaces.statistics.levels_reused == len(again.plan.isovalues)
     for found in (first, again):
@@ -109,7 +116,7 @@ def test_automatic_refinement_goes_on_where_it_was_interrupted(
         visited.append(settings.refine)
         return extract_brick(*arguments, **options)
 
-    monkeypatch.setattr(cache_levels, "extract_brick", interrupted)
+    monkeypatch.setattr(field, "extract_brick", interrupted)
     interrupt = True
     with pytest.raises(KeyboardInterrupt):
         prepare_surfaces(volume, tf, quality, cache=tmp_path)
@@ -139,22 +146,29 @@ def test_automatic_refinement_goes_by_the_outlines_of_curved_triangles_too() -> 
     assert found.mesh_distance <= AUTO_DISTANCE
 
 
-@pytest.mark.parametrize("wrong", ["isovalues", "settings", "geometry", "range", "range of the spline"])
+@pytest.mark.parametrize(
+    "wrong", ["isovalues", "settings", "geometry", "range", "range of the spline", "corner of the spline"]
+)
 def test_surfaces_of_something_else_are_not_taken(tmp_path: Path, wrong: str) -> None:
     volume = other = blobs(16)
     options: dict[str, Any] = {}
     if wrong == "geometry":
         other = replace(volume, spacing=(1.0, 1.0, 2.0))
-    elif wrong.startswith("range"):
-        other = replace(volume, array=np.asarray(volume.array, dtype=np.float64) * 1.01)
-    if wrong == "range of the spline":
+    elif "range" in wrong or "corner" in wrong:
+        samples = np.array(volume.array, dtype=np.float64)
+        inner = (slice(1, -1),) * 3
+        samples[inner if "range" in wrong else (-1, 0, -1)] *= 0.5
+        other = replace(volume, array=samples)
+    if "spline" in wrong:
         options["reconstruction"] = Reconstruction.CUBIC
     asked = [0.3, 0.6] if wrong == "isovalues" else [0.3, 0.5]
     surfaces = extract_surfaces(other, [0.3, 0.5], refine=2 if wrong == "settings" else 1, **options)
-    of_volume = "geometry" in wrong or "range" in wrong
+    of_volume = wrong not in ("isovalues", "settings")
     what = (
         "the extracted surfaces are of a volume" if of_volume else "the extracted surfaces have 2 isovalues"
     )
     with pytest.raises(InputError, match=what):
-        extract_with_cache(volume, asked, tmp_path, extracted=surfaces, **options)
+        extract_with_cache(
+            volume, asked, tmp_path, settings=ExtractionSettings(**options), extracted=surfaces
+        )
     assert not contents(tmp_path)

@@ -16,7 +16,7 @@ from isosample.surfaces import chunk_encoding, encoding_kernels
 from isosample.surfaces.chunk_decoding import decode, decode_all
 from isosample.surfaces.chunk_encoding import encode
 from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
-from isosample.surfaces.chunk_layout import summary
+from isosample.surfaces.chunk_layout import ChunkHeader
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh import BrickMesh
 from isosample.surfaces.mesh_error import MeshError, round_residuals
@@ -126,8 +126,9 @@ def test_the_error_and_the_name_come_back() -> None:
     )
     data = encode(mesh, name=bytes(range(32)))
     assert_same(decode(data, name=bytes(range(32))), mesh)
-    assert summary(data)[:3] == (bytes(range(32)), 0.1, (1, 2, 3))
-    assert summary(data)[3:] == (4, 8)
+    header = ChunkHeader.read(data)
+    assert (header.name, header.isovalue, header.brick) == (bytes(range(32)), 0.1, (1, 2, 3))
+    assert (header.vertex_count, header.triangle_count) == (4, 8)
     with pytest.raises(CacheError, match=r"it is named 0001.*expected 0000"):
         decode(data, name=NO_NAME)
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 import pytest
+from cache_scenes import assert_same_bits, scene_transfer, scene_volume, written_scene
 from mesh_checks import assert_watertight, euler_characteristic, index_grid, noise_with_holes
 from scipy.ndimage import map_coordinates
-from test_surface_cache import assert_same_bits, scene_volume, written_scene
 
 from isosample.errors import InputError
 from isosample.surfaces.brick_samples import BrickSamples, gradients_at, load_brick
-from isosample.surfaces.cache import extract_with_cache, load_cache, open_cache
+from isosample.surfaces.cache import content_hash, extract_with_cache, load_cache, open_cache, write_cache
 from isosample.surfaces.collapse_kernels import collapse
 from isosample.surfaces.detail import (
     FEWEST_TRIANGLES,
@@ -457,10 +457,6 @@ def test_a_scene_keeps_its_details_in_its_folder(tmp_path: Path) -> None:
 
 
 def written_details(folder: Path, volume: Volume, surfaces: SurfaceSet) -> None:
-    from test_surface_cache import scene_transfer
-
-    from isosample.surfaces.cache import content_hash, write_cache
-
     transfer, plan = scene_transfer(volume)
     write_cache(
         folder,
@@ -474,12 +470,18 @@ def written_details(folder: Path, volume: Volume, surfaces: SurfaceSet) -> None:
 
 def test_details_are_extracted_once(tmp_path: Path) -> None:
     volume = blobs()
-    first = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=2)
-    again = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=2)
+    first = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=2)
+    )
+    again = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=2)
+    )
     assert first.statistics.brick_visits > 0
     assert again.statistics.brick_visits == 0
     assert_same_bits(again, first)
-    other = extract_with_cache(volume, [0.4, 0.6], tmp_path, brick_cells=16, detail=3)
+    other = extract_with_cache(
+        volume, [0.4, 0.6], tmp_path, settings=ExtractionSettings(brick_cells=16, detail=3)
+    )
     assert other.statistics.brick_visits == first.statistics.brick_visits
 
 

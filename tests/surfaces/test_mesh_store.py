@@ -13,7 +13,9 @@ import pytest
 from test_chunk_codec import any_mesh, assert_same, with_wrong_corners
 
 from isosample.errors import CacheError
+from isosample.files import leftovers, replacing
 from isosample.surfaces import chunk_decoding
+from isosample.surfaces.chunk_folder import prune
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore, chunk_key
 from isosample.volume.reconstruction import Reconstruction
@@ -111,18 +113,54 @@ def test_a_chunk_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     assert "cannot be read (Is a directory)" in store.notes[0]
 
 
-def test_prune_removes_those_used_longest_ago_and_leftovers(tmp_path: Path) -> None:
+def test_prune_removes_those_used_longest_ago(tmp_path: Path) -> None:
     store = filled(tmp_path, 6)
     size = store.path(key_of(0)).stat().st_size
     assert MeshStore(tmp_path).get(key_of(1)) is not None  # now it is the one that was used last
-    left, new = (store.path(key_of(0)).with_name(name) for name in (".old.tmp", ".new.tmp"))
-    left.write_bytes(b"half a chunk")
-    os.utime(left, (1e9, 1e9))
-    new.write_bytes(b"another process writes this")
     found = store.prune(3 * size)
     assert (found.chunks, found.size_bytes, found.chunks_left, found.bytes_left) == (3, 3 * size, 3, 3 * size)
     assert set(store.keys()) == {key_of(number) for number in (1, 4, 5)}
-    assert (left.exists(), new.exists()) == (False, True)
+
+
+def test_prune_takes_those_used_longest_ago_of_all_folders_but_those_to_keep(tmp_path: Path) -> None:
+    stores = [filled(tmp_path / name, count) for name, count in (("one", 3), ("two", 5))]
+    size = stores[0].path(key_of(0)).stat().st_size
+    for pretend in (True, False):
+        found = prune(stores, 4 * size, keep=[key_of(1)], pretend=pretend)
+        assert [(one.chunks, one.chunks_left, one.bytes_left) for one in found] == [
+            (2, 1, size),  # of 0 to 2, in both folders the same times
+            (2, 3, 3 * size),
+        ]
+        left = [3, 5] if pretend else [1, 3]
+        assert [len(store.keys()) for store in stores] == left
+    assert set(stores[1].keys()) == {key_of(number) for number in (1, 3, 4)}
+
+
+@pytest.mark.parametrize("place", ["", "surfaces", "chunks/00"])
+def test_prune_removes_what_killed_writers_left_in_every_place(tmp_path: Path, place: str) -> None:
+    store = filled(tmp_path, 1)
+    (tmp_path / place).mkdir(parents=True, exist_ok=True)
+    left, new = (tmp_path / place / f".{digit * 32}.tmp" for digit in "0a")
+    others = tmp_path / place / ".notes.tmp"  # not ours
+    for path in (left, new, others):
+        path.write_bytes(b"half a chunk")
+        if path != new:  # another process writes this
+            os.utime(path, (1e9, 1e9))
+    for pretend in (True, False):
+        (found,) = prune([store], 1 << 30, pretend=pretend)
+        assert (found.chunks, found.leftovers, found.leftover_bytes) == (0, 1, 12)
+        assert (left.exists(), new.exists(), others.exists()) == (pretend, True, True)
+
+
+def test_what_a_killed_writer_leaves_is_known_by_its_name(tmp_path: Path) -> None:
+    with replacing(tmp_path / "scene.json") as file:
+        (path,) = tmp_path.iterdir()
+        file.write(b"half")
+        file.flush()
+        assert leftovers(tmp_path) == []  # it is being written
+        os.utime(path, (1e9, 1e9))
+        assert leftovers(tmp_path) == [(path, 4)]
+    assert leftovers(tmp_path) == []
 
 
 def test_a_budget_holds_and_spares_what_the_run_uses(tmp_path: Path) -> None:

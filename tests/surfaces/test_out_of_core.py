@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -296,6 +297,29 @@ def test_a_gate_lets_in_what_fits_and_one_that_never_does() -> None:
     gate.leave(6)
     gate.enter(1000)
     gate.leave(1000)
+
+
+@pytest.mark.parametrize("first", [6, 1000])
+def test_a_gate_holds_back_what_does_not_fit_until_there_is_room(first: int) -> None:
+    gate = Gate(10)
+    gate.enter(first)
+    asked, entered = threading.Event(), threading.Event()
+
+    def second() -> None:
+        asked.set()
+        gate.enter(5)
+        entered.set()
+
+    waiting = threading.Thread(target=second, daemon=True)
+    waiting.start()
+    assert asked.wait(60.0)
+    assert not entered.wait(
+        0.2
+    )  # what is let in at once has entered long before; what waits, waits however long
+    gate.leave(first)
+    assert entered.wait(60.0)
+    waiting.join()
+    gate.enter(5)  # just fits beside the second
 
 
 def test_the_system_tells_what_the_process_holds() -> None:

@@ -21,6 +21,7 @@ from isosample.surfaces.chunk_header import NO_NAME, OtherVersionError
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.mesh_error import MeshError
 from isosample.surfaces.plain_chunks import decode_plain, encode_plain
+from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.volume.grid import Volume
 
@@ -173,10 +174,12 @@ def test_a_damaged_plain_chunk_is_named_and_removed(tmp_path: Path, damage: str)
 def test_a_folder_of_plain_chunks_gives_the_surfaces_of_the_extraction(tmp_path: Path) -> None:
     volume, levels = Volume(closed_noise(3, size=40)), [-0.5, 0.25]
     expected = extract_surfaces(volume, levels, residuals=True)
-    written = extract_with_cache(volume, levels, tmp_path, residuals=True, plain=True)
-    again = extract_with_cache(volume, levels, tmp_path, residuals=True)
+    written = extract_with_cache(
+        volume, levels, tmp_path, settings=ExtractionSettings(residuals=True), plain=True
+    )
+    again = extract_with_cache(volume, levels, tmp_path, settings=ExtractionSettings(residuals=True))
     assert (again.statistics.brick_visits, again.statistics.levels_reused) == (0, 2)
-    for surfaces in (written, again, load_surface_set(tmp_path, levels, residuals=True)):
+    for surfaces in (written, again, load_surface_set(tmp_path, levels, ExtractionSettings(residuals=True))):
         assert len(surfaces.meshes) == len(expected.meshes)
         for found, mesh in zip(surfaces.meshes, expected.meshes, strict=True):
             assert_same(found, mesh)

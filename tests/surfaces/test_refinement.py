@@ -193,11 +193,17 @@ def test_no_edge_is_divided_where_the_mesh_is_near_enough(flatness: float) -> No
 
 def test_meshes_of_another_flatness_are_kept_apart_in_a_cache(tmp_path: Path) -> None:
     volume, kind = ball(15, 6.3), Reconstruction.CUBIC
-    fine = extract_with_cache(volume, [0.0], tmp_path, refine=4, reconstruction=kind)
-    rough = extract_with_cache(volume, [0.0], tmp_path, refine=4, reconstruction=kind, flatness=0.01)
+    fine = extract_with_cache(
+        volume, [0.0], tmp_path, settings=ExtractionSettings(refine=4, reconstruction=kind)
+    )
+    rough = extract_with_cache(
+        volume, [0.0], tmp_path, settings=ExtractionSettings(refine=4, reconstruction=kind, flatness=0.01)
+    )
     assert rough.statistics.levels_reused == 0
     assert rough.statistics.triangles < fine.statistics.triangles
-    again = load_surface_set(tmp_path, [0.0], refine=4, reconstruction=kind, flatness=0.01)
+    again = load_surface_set(
+        tmp_path, [0.0], ExtractionSettings(refine=4, reconstruction=kind, flatness=0.01)
+    )
     assert again.settings.flatness == 0.01
     np.testing.assert_array_equal(again.meshes[0].positions, rough.meshes[0].positions)
 
@@ -210,7 +216,7 @@ def test_a_flatness_without_refinement_names_the_same_meshes(tmp_path: Path) -> 
     assert surface_key("a", 0.0, refined[0]) != surface_key("a", 0.0, refined[1])
     surfaces = extract_surfaces(ball(15, 6.3), [0.0], flatness=0.01)
     extract_with_cache(ball(15, 6.3), [0.0], tmp_path, extracted=surfaces)
-    again = extract_with_cache(ball(15, 6.3), [0.0], tmp_path, flatness=0.004)
+    again = extract_with_cache(ball(15, 6.3), [0.0], tmp_path, settings=ExtractionSettings(flatness=0.004))
     assert again.statistics.levels_reused == 1
 
 
