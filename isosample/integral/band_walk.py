@@ -2,6 +2,8 @@
 
 The walk knows the band in which the ray is. The field's values at the ends of monotone pieces decide which
 levels lie between, by comparison alone, so no level is lost or counted twice, however the roots are rounded.
+
+With `light` colours are lit by the gradient of the cell; None, which kernels are compiled for by itself, leaves them.
 """
 
 from __future__ import annotations
@@ -14,9 +16,12 @@ import numpy.typing as npt
 
 from isosample.compiled import compiled
 from isosample.integral.cell_cubic import cubic_extrema, cubic_part, cubic_root, cubic_value
+from isosample.integral.cell_light import light_at
+from isosample.integral.lit_panels import lit_panel
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics
+    from isosample.integral.cell_light import CellLight
 
 F64 = npt.NDArray[np.float64]
 
@@ -62,20 +67,21 @@ def walk_cubic(
     cubic: tuple[float, float, float, float],
     length: float,
     optics: Optics,
+    light: CellLight | None,
 ) -> int:
     """Walk along a cubic of the given length [world]; return the band at its end."""
     b0, b1, b2, b3 = cubic
     edges = optics.bands.edges
     low, high = min(min(b0, b1), min(b2, b3)), max(max(b0, b1), max(b2, b3))
     if edges[band] < low and high < edges[band + 1]:
-        absorb(walk, band, cubic, length, optics)
+        absorb(walk, band, cubic, (0.0, 1.0), length, optics, light)
         return band
     count, first, second = cubic_extrema(b0, b1, b2, b3)
     start, start_value = 0.0, b0
     for piece in range(count + 1):
         end = first if piece == 0 and count > 0 else (second if piece == 1 and count > 1 else 1.0)
         end_value = cubic_value(b0, b1, b2, b3, end)
-        band = _walk_monotone(walk, band, cubic, (start, end, start_value, end_value), length, optics)
+        band = _walk_monotone(walk, band, cubic, (start, end, start_value, end_value), length, optics, light)
         start, start_value = end, end_value
     return band
 
@@ -88,58 +94,86 @@ def _walk_monotone(
     piece: tuple[float, float, float, float],
     length: float,
     optics: Optics,
+    light: CellLight | None,
 ) -> int:
     """Walk along a monotone piece of a cubic (start, end, value at the start, at the end), level by level."""
     start, end, start_value, end_value = piece
     bands = optics.bands
     if start_value == end_value:
-        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands)
-        absorb_plateau(walk, band, start_value, (end - start) * length, bands)
+        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands, light, start)
+        absorb_plateau(walk, band, start_value, (start, end), length, optics, light)
         return band
     rising = start_value < end_value
     if rising:
-        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands)
+        band = cross_levels(walk, band, band_above(bands.edges, band, start_value), bands, light, start)
         last = band_below(bands.edges, band, end_value)
     else:
-        band = cross_levels(walk, band, band_below(bands.edges, band, start_value), bands)
+        band = cross_levels(walk, band, band_below(bands.edges, band, start_value), bands, light, start)
         last = band_above(bands.edges, band, end_value)
     b0, b1, b2, b3 = cubic
     while band != last:
         level = bands.edges[band + 1] if rising else bands.edges[band]
         root = cubic_root(b0, b1, b2, b3, level, start, end, rising)
         part = cubic_part(b0, b1, b2, b3, start, root)
-        absorb(walk, band, part, (root - start) * length, optics)
-        band = cross_levels(walk, band, band + 1 if rising else band - 1, bands)
+        absorb(walk, band, part, (start, root), length, optics, light)
+        band = cross_levels(walk, band, band + 1 if rising else band - 1, bands, light, root)
         start = root
     part = cubic_part(b0, b1, b2, b3, start, end)
-    absorb(walk, band, part, (end - start) * length, optics)
+    absorb(walk, band, part, (start, end), length, optics, light)
     return band
 
 
 @compiled
-def cross_levels(walk: F64, band: int, target: int, bands: BandTable) -> int:
-    """Composite the impulses of the levels between two bands, in the direction of travel; return `target`."""
+def cross_levels(
+    walk: F64, band: int, target: int, bands: BandTable, light: CellLight | None, place: float
+) -> int:
+    """Composite the impulses of the levels between two bands, in the direction of travel; return `target`.
+
+    `place`: where on the part of the cell that is walked, for the light.
+    """
     step = 1 if target > band else -1
     while band != target:
         level = band if step == 1 else band - 1
         opacity = bands.impulse[level, 0]
         if opacity > 0.0:
-            composite(walk, opacity, 1.0 - opacity, bands.impulse[level, 1:], bands.impulse[level, 1:], 0.0)
+            color = bands.impulse[level, 1:]
+            if light is None:
+                composite(walk, opacity, 1.0 - opacity, color, color, 0.0)
+            else:
+                shade, highlight, _ = light_at(light, place)
+                red, green, blue = (
+                    color[0] * shade + highlight,
+                    color[1] * shade + highlight,
+                    color[2] * shade + highlight,
+                )
+                add_light(walk, (opacity * red, opacity * green, opacity * blue), opacity, 1.0 - opacity)
         band += step
     return target
 
 
 @compiled
-def absorb_plateau(walk: F64, band: int, value: float, length: float, bands: BandTable) -> None:
-    """Composite a stretch of constant value [world]."""
+def absorb_plateau(
+    walk: F64,
+    band: int,
+    value: float,
+    part: tuple[float, float],
+    length: float,
+    optics: Optics,
+    light: CellLight | None,
+) -> None:
+    """Composite a stretch of constant value: `part` of a cubic of a length [world]."""
+    bands = optics.bands
     if band > 0 and value == bands.edges[band]:
         band = bands.plateau[band - 1]
     low, high = bands.edges[band], bands.edges[band + 1]
     if not (math.isfinite(low) and math.isfinite(high)):
         return  # outside every control point
+    if light is not None:
+        absorb(walk, band, (value, value, value, value), part, length, optics, light)
+        return
     weight = (value - low) / (high - low)
     extinction = bands.extinction[band, 0] + weight * (bands.extinction[band, 1] - bands.extinction[band, 0])
-    _attenuate(walk, extinction * length, bands.color[band], weight)
+    _attenuate(walk, extinction * ((part[1] - part[0]) * length), bands.color[band], weight)
 
 
 @compiled
@@ -147,11 +181,17 @@ def absorb(
     walk: F64,
     band: int,
     cubic: tuple[float, float, float, float],
-    length: float,
+    place: tuple[float, float],
+    whole: float,
     optics: Optics,
+    light: CellLight | None,
 ) -> None:
-    """Composite a stretch of a ray inside one band, along which the value is a cubic."""
+    """Composite a stretch of a ray inside one band, along which the value is a cubic.
+
+    It runs from one place to another of the part of the cell that is walked, the length of which is `whole` [world].
+    """
     bands, rules, panels = optics
+    length = (place[1] - place[0]) * whole
     front, back = bands.extinction[band, 0], bands.extinction[band, 1]
     if (front == 0.0 and back == 0.0) or length <= 0.0:
         return
@@ -160,10 +200,11 @@ def absorb(
     w0, w1 = (cubic[0] - low) * scale, (cubic[1] - low) * scale
     w2, w3 = (cubic[2] - low) * scale, (cubic[3] - low) * scale
     color = bands.color[band]
-    if color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]:
-        mean = 0.25 * (w0 + w1 + w2 + w3)
-        _attenuate(walk, length * (front + mean * (back - front)), color, 0.0)
-        return
+    if light is None:  # noqa: SIM102  # a test of its own, so that the kernel is compiled without
+        if color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]:
+            mean = 0.25 * (w0 + w1 + w2 + w3)
+            _attenuate(walk, length * (front + mean * (back - front)), color, 0.0)
+            return
     thickest = rules.depth_limits[-1]
     start, step = 0.0, 1.0 / panels
     while start < 1.0 and walk[TRANSMITTANCE] >= OPAQUE:
@@ -175,7 +216,12 @@ def absorb(
         if depth > thickest and step > 1e-14:
             step *= max(0.1, min(0.7, 0.9 * thickest / depth))
             continue
-        _absorb_panel(walk, band, part, (end - start) * length, max(depth, 0.0), optics)
+        depth = max(depth, 0.0)
+        if light is None:
+            _absorb_panel(walk, band, part, (end - start) * length, depth, optics)
+        else:
+            stretch = (place[0] + start * (place[1] - place[0]), place[0] + end * (place[1] - place[0]))
+            absorb_lit(walk, band, np.array(part), stretch, (end - start) * length, depth, bands, light)
         start = end
         step = min(2.0 * step, 1.0 / panels)
 
@@ -210,6 +256,26 @@ def _absorb_panel(
 
 
 @compiled
+def absorb_lit(
+    walk: F64,
+    band: int,
+    places: F64,
+    stretch: tuple[float, float],
+    length: float,
+    depth: float,
+    bands: BandTable,
+    light: CellLight,
+) -> None:
+    """Composite a panel that is lit: opacity in closed form, light by quadrature, see `lit_panel`."""
+    depths = (bands.extinction[band, 0] * length, bands.extinction[band, 1] * length)
+    red, green, blue, pieces = lit_panel(
+        light, places, stretch, depths, bands.color[band], walk[TRANSMITTANCE]
+    )
+    walk[PANELS] += float(pieces)
+    add_light(walk, (red, green, blue), -math.expm1(-depth), math.exp(-depth))
+
+
+@compiled
 def _attenuate(walk: F64, depth: float, color: F64, weight: float) -> None:
     """Composite a stretch of one colour: that at a place in a band, 0 at its lower end and 1 at its upper."""
     opacity = -math.expm1(-max(depth, 0.0))
@@ -223,5 +289,15 @@ def composite(walk: F64, opacity: float, transmitted: float, low: F64, high: F64
     for channel in range(3):
         light = low[channel] * opacity + (high[channel] - low[channel]) * toward_high
         walk[channel] += through * light
+    walk[OPACITY] += through * opacity
+    walk[TRANSMITTANCE] = through * transmitted
+
+
+@compiled
+def add_light(walk: F64, light: tuple[float, float, float], opacity: float, transmitted: float) -> None:
+    """Composite light (premultiplied linear RGB) and opacity."""
+    through = walk[TRANSMITTANCE]
+    for channel in range(3):
+        walk[channel] += through * light[channel]
     walk[OPACITY] += through * opacity
     walk[TRANSMITTANCE] = through * transmitted

@@ -72,6 +72,19 @@ def halve_polynomial(polynomial: F64, front: F64) -> None:
 
 
 @compiled
+def polynomial_value(polynomial: F64, s: float) -> float:
+    """Value at a place, by Bernstein's basis, of a polynomial of degree 1 or more ([1]_, section 5.1)."""
+    last = len(polynomial) - 1
+    u, power, choose = 1.0 - s, 1.0, 1.0
+    value = polynomial[0] * u
+    for i in range(1, last):
+        power *= s
+        choose = choose * (last - i + 1) / i
+        value = (value + power * choose * polynomial[i]) * u
+    return float(value + power * s * polynomial[last])
+
+
+@compiled
 def polynomial_value_slope(polynomial: F64, s: float, scratch: F64) -> tuple[float, float]:
     """Value and derivative at a place; `scratch` has the polynomial's length and is overwritten."""
     count = len(polynomial)

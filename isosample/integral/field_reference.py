@@ -14,22 +14,17 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError, InputError
 from isosample.integral.band_table import BandTable, Optics, PanelRules
+from isosample.integral.box_rays import box_intervals, checked_rays, clipped
 from isosample.integral.field_pieces import MAX_PIECES, resolved_pieces
 from isosample.integral.level_isolation import Isolation
 from isosample.integral.ray_pieces import bernstein
-from isosample.integral.reference import (
-    DEFAULT_TOLERANCE,
-    box_intervals,
-    checked_rays,
-    clipped,
-    offset_of,
-    run_in_blocks,
-)
+from isosample.integral.reference import DEFAULT_TOLERANCE, offset_of, run_in_blocks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from isosample.integral.reference import Plane, Progress
+    from isosample.integral.box_rays import Plane
+    from isosample.integral.reference import Progress
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.field import Field
     from isosample.volume.geometry import Box

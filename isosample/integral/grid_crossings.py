@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.errors import InputError
+from isosample.integral.box_rays import box_intervals, checked_rays, rays_in_index
 from isosample.integral.crossing_lists import CrossingLists
-from isosample.integral.reference import (
-    box_intervals,
-    checked_rays,
-    offset_of,
-    rays_in_index,
-    run_in_blocks,
-)
+from isosample.integral.reference import offset_of, run_in_blocks
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:

@@ -20,11 +20,14 @@ from isosample.integral.band_walk import (
     walk_cubic,
 )
 from isosample.integral.cell_cubic import cubic_between
+from isosample.integral.cell_gradient import load_gradient
 from isosample.integral.cell_grid import BLOCK_CELLS
+from isosample.integral.cell_light import begin_lit_ray, end_lit_ray
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics
     from isosample.integral.cell_grid import CellGrid
+    from isosample.integral.cell_light import CellLight
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -41,6 +44,7 @@ def integrate_ray_block(
     rays: tuple[F64, F64, F64],
     rgba: F64,
     counts: I64,
+    light: CellLight | None,
 ) -> None:
     """Integrate rays one after the other.
 
@@ -54,17 +58,22 @@ def integrate_ray_block(
         Is filled in.
     counts : (N, 5) int64
         Is filled in, see ``COUNT_NAMES``.
+    light : CellLight or None
     """
     origins, directions, intervals = rays
     walk, scratch = np.empty(WALK_SIZE), (np.empty((2, 2, 2)), np.empty((2, 3)))
     for ray in range(len(origins)):
         start_walk(walk)
+        if light is not None:
+            begin_lit_ray(light)
         if intervals[ray, 0] < intervals[ray, 1]:
             line = (origins[ray], directions[ray])
-            _march(walk, scratch, grid, optics, line, intervals[ray], counts[ray])
+            _march(walk, scratch, grid, optics, line, intervals[ray], counts[ray], light)
         for i in range(4):
             rgba[ray, i] = walk[i]
         counts[ray, PANEL_COUNT] = np.int64(walk[PANELS])
+        if light is not None:
+            end_lit_ray(light, ray)
 
 
 @compiled
@@ -76,6 +85,7 @@ def _march(
     line: tuple[F64, F64],
     interval: F64,
     counts: I64,
+    light: CellLight | None,
 ) -> None:
     """March one ray through the cells of its interval."""
     origin, direction = line
@@ -88,16 +98,16 @@ def _march(
         leave = min(leave_cell(origin, direction, cell, 1 if seen else BLOCK_CELLS, following), stop)
         if leave > t:
             if seen and load_cell(grid, cell, scratch[0]):
-                state = _walk_cell(walk, scratch, optics, line, cell, (t, leave), state, counts)
+                state = _walk_cell(walk, scratch, grid, optics, line, cell, (t, leave), state, counts, light)
             else:
                 counts[MASKED if seen else BLOCKS] += 1
-                state = leave_field(walk, optics, state)
+                state = leave_field(walk, optics, state, light)
         if not seen:
             find_cell(origin, direction, leave, grid.samples.shape, cell)
         elif leave < stop:
             cell[0], cell[1], cell[2] = following[0], following[1], following[2]
         t = leave
-    leave_field(walk, optics, state)
+    leave_field(walk, optics, state, light)
 
 
 @compiled
@@ -110,12 +120,14 @@ def nowhere() -> State:
 def _walk_cell(
     walk: F64,
     scratch: tuple[F64, F64],
+    grid: CellGrid,
     optics: Optics,
     line: tuple[F64, F64],
     cell: I64,
     between: tuple[float, float],
     state: State,
     counts: I64,
+    light: CellLight | None,
 ) -> State:
     """Walk through one cell whose corners are loaded; return what is known at its end."""
     known, band, _ = state
@@ -131,16 +143,18 @@ def _walk_cell(
     cubic = cubic_between(corners, ends[0], ends[1])  # its first value is the last of the cell before
     if not known:
         band = band_above(optics.bands.edges, band, cubic[0])
-    band = walk_cubic(walk, band, cubic, between[1] - between[0], optics)
+    if light is not None:
+        load_gradient(grid, cell, ends, line[1], light)
+    band = walk_cubic(walk, band, cubic, between[1] - between[0], optics, light)
     return True, band, cubic[3]
 
 
 @compiled
-def leave_field(walk: F64, optics: Optics, state: State) -> State:
+def leave_field(walk: F64, optics: Optics, state: State, light: CellLight | None) -> State:
     """Cross the level on which the field ends, if it does: the level itself is inside."""
     known, band, value = state
     if known and walk[TRANSMITTANCE] >= OPAQUE:
-        cross_levels(walk, band, band_above(optics.bands.edges, band, value), optics.bands)
+        cross_levels(walk, band, band_above(optics.bands.edges, band, value), optics.bands, light, 1.0)
     return False, band, 0.0
 
 
@@ -277,10 +291,10 @@ def integrate_piece_block(
             band = state[1]
             if piece == first[ray]:
                 band = band_above(optics.bands.edges, band, b[0])
-            band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], optics)
+            band = walk_cubic(walk, band, (b[0], b[1], b[2], b[3]), lengths[piece], optics, None)
             state = (True, band, b[3])
             if walk[TRANSMITTANCE] < OPAQUE:
                 break
-        leave_field(walk, optics, state)
+        leave_field(walk, optics, state, None)
         for i in range(4):
             rgba[ray, i] = walk[i]

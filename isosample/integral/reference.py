@@ -8,6 +8,9 @@ elsewhere Gauss-Legendre panels err by less than the tolerance (`band_table.Pane
 Or the field is a spline, along a ray a polynomial of degree 9 in every cell. Between the levels of the transfer
 function it is integrated as it is; where it crosses them, by cubics that agree with it (`spline_march`).
 
+With a material all colours are lit, by the gradient at every place (`cell_light`); that integral is verified at
+points, not proven (`lit_panels`).
+
 >>> rgba = integrate_rays(volume, transfer_function, origins, directions)
 """
 
@@ -22,14 +25,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from isosample.errors import InputError
+from isosample.errors import CapacityError, InputError
 from isosample.integral.band_table import SMALLEST_TOLERANCE, BandTable, Optics, PanelRules
-from isosample.integral.checks import last_axis
+from isosample.integral.box_rays import Plane, box_intervals, checked_rays, clipped, rays_in_index
+from isosample.integral.checks import at_least_zero, last_axis
 from isosample.tally import TRACERS, tally
 from isosample.volume.reconstruction import GridSpline, Reconstruction
 
 if TYPE_CHECKING:
     from isosample.integral.cell_grid import CellGrid
+    from isosample.integral.cell_light import CellLight
     from isosample.integral.spline_grid import SplineGrid
     from isosample.integral.spline_panels import Accuracy
     from isosample.transfer.transfer_function import TransferFunction
@@ -37,14 +42,11 @@ if TYPE_CHECKING:
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-Plane = tuple[float, float, float, float]
 Progress = Callable[[int, int], None]
 
 DEFAULT_TOLERANCE = 1e-10
 RAYS_PER_BLOCK = 512  # a block of work for one thread: a few milliseconds to a second
-UNIT_TOLERANCE = 1e-9  # by how much a direction's length may differ from 1
-# Cells: a ray that drifts less than this along an axis is parallel to it; one this far outside is inside.
-GRAZING = 1e-12
+LEAST_LIT_TOLERANCE = 1e-12  # rounding of the gradient where it is short
 
 
 def integrate_rays(
@@ -55,6 +57,7 @@ def integrate_rays(
     *,
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     clip_planes: Sequence[Plane] = (),
+    material: npt.ArrayLike | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     panels: int = 1,
     progress: Progress | None = None,
@@ -72,9 +75,13 @@ def integrate_rays(
     reconstruction : Reconstruction
     clip_planes : sequence of (nx, ny, nz, d)
         The side where nx·x + ny·y + nz·z + d >= 0 is kept [world].
+    material : (4,) array_like of float, optional
+        Ambient, diffuse and specular factor and the shininess of a light at the eye, see `shading.blinn_phong`: every
+        colour is lit where it is met, in the volume and on isosurfaces. Without: colours as they are.
     tolerance : float
         Largest absolute error of a component by quadrature, and of a spline by its cubics (see the notes),
-        1e-13 to 1e-2; rounding (about 1e-14 times the number of cells on the ray) comes on top.
+        1e-13 to 1e-2, with a material from 1e-12 on; rounding (about 1e-14 times the number of cells on the ray)
+        comes on top.
     panels : int
         Divides every quadrature panel, and the cubics of a spline, again; the result must not change by more
         than `tolerance`.
@@ -91,6 +98,8 @@ def integrate_rays(
     InputError
         If an array has another shape, a direction is not of unit length, a number is not finite or out of
         range, the volume is thinner than two samples, or a spline is asked for and a sample is not finite.
+    CapacityError
+        If the light of a ray is not known to within the tolerance, because the gradient vanishes along it.
 
     Notes
     -----
@@ -108,9 +117,23 @@ def integrate_rays(
     most half the tolerance; the quadrature has the other half. At a step of extinction or colour a crossing moves
     by that difference over the field's slope, and an isosurface that is touched more closely than that may be
     crossed twice or not at all: near such rays the error can be larger.
+
+    With a material c(f) is replaced by :math:`c(f)\,(k_a + k_d q) + k_s q^m`, :math:`q = |n \cdot d|`, with the
+    direction d of the ray and the unit gradient n that the renderers light by. Of the trilinear interpolant it is
+    that of the samples' slopes: central differences, one-sided at the volume's faces and beside samples that are
+    not finite, 0 between two such, interpolated trilinearly, then turned to world space. Of a spline it is
+    its own gradient. Where it is 0, so is q, as the ray caster has it (what has no normal in the A-buffer keeps
+    its colour). Opacity does not change. The tolerance holds by verification at points, half of it for
+    quadrature, half for where the gradient vanishes, see `lit_panels`. Of a spline's isosurface the crossing, and
+    with it the normal, moves by the difference between cubic and spline over the slope.
     """
     tracer = ReferenceTracer.build(
-        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, panels=panels
+        volume,
+        transfer_function,
+        reconstruction=reconstruction,
+        material=material,
+        tolerance=tolerance,
+        panels=panels,
     )
     return tracer.integrate(origins, directions, clip_planes=clip_planes, progress=progress)[0]
 
@@ -128,6 +151,8 @@ class ReferenceTracer:
     index_from_world: F64
     optics: Optics
     accuracy: Accuracy | None = None
+    material: F64 | None = None
+    tolerance: float = DEFAULT_TOLERANCE
 
     @classmethod
     def build(
@@ -136,6 +161,7 @@ class ReferenceTracer:
         transfer_function: TransferFunction,
         *,
         reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+        material: npt.ArrayLike | None = None,
         tolerance: float = DEFAULT_TOLERANCE,
         panels: int = 1,
     ) -> ReferenceTracer:
@@ -148,6 +174,7 @@ class ReferenceTracer:
             raise InputError(f"panels {panels} must be a whole number >= 1.")
         tally(TRACERS)
         rules = PanelRules.for_tolerance(tolerance)
+        lit = None if material is None else checked_material(material, tolerance)
         base = offset_of(*volume.value_range)
         bands = BandTable.from_transfer_function(transfer_function, base)
         index_from_world = np.asarray(np.linalg.inv(volume.world_from_index), dtype=np.float64)
@@ -155,7 +182,8 @@ class ReferenceTracer:
             from isosample.integral.cell_grid import CellGrid
 
             grid = CellGrid.build(volume, base, bands)
-            return cls(grid, index_from_world, Optics(bands, rules, int(panels)))
+            optics = Optics(bands, rules, int(panels))
+            return cls(grid, index_from_world, optics, material=lit, tolerance=tolerance)
         from isosample.integral.spline_grid import SplineGrid
         from isosample.integral.spline_panels import Accuracy
 
@@ -164,7 +192,9 @@ class ReferenceTracer:
         low, high = volume.value_range
         scales = (2.0 * volume.box.radius, high - low or 1.0)
         spline = SplineGrid.build(GridSpline.build(volume, reconstruction), base, bands)
-        return cls(spline, index_from_world, optics, Accuracy.build(bands, scales, half, int(panels)))
+        brightest = 1.0 if lit is None else max(1.0, float(lit[:3].sum()))
+        accuracy = Accuracy.build(bands, scales, half, int(panels), brightest)
+        return cls(spline, index_from_world, optics, accuracy, lit, tolerance)
 
     def integrate(
         self,
@@ -205,85 +235,58 @@ class ReferenceTracer:
 
     def _integrate_block(self, rays: tuple[F64, F64, F64], rgba: F64, counts: I64) -> None:
         """Integrate rays in sample indices on one processor."""
-        grid: Any = self.grid  # each kernel is compiled for its own kind
+        grid: Any = self.grid  # each kernel is compiled for its own kind, and for light apart
+        light = self._light()
         if self.accuracy is None:
             from isosample.integral.ray_cells import integrate_ray_block
 
-            integrate_ray_block(grid, self.optics, rays, rgba, counts)
+            integrate_ray_block(grid, self.optics, rays, rgba, counts, light)
         else:
             from isosample.integral.spline_march import integrate_spline_block
 
-            integrate_spline_block(grid, self.optics, self.accuracy, rays, rgba, counts)
+            integrate_spline_block(grid, self.optics, self.accuracy, rays, rgba, counts, light)
+        if light is not None:
+            check_resolved(light, rays)
+
+    def _light(self) -> CellLight | None:
+        """Light for one thread, which writes into it."""
+        if self.material is None:
+            return None
+        from isosample.integral.cell_light import CellLight
+
+        kernel = getattr(self.grid, "kernel", None)
+        tolerance = self.tolerance if kernel is None else 0.5 * self.tolerance  # cubics have the other half
+        return CellLight.build(self.material, self.index_from_world, tolerance, kernel)
 
 
-def rays_in_index(index_from_world: F64, last: F64, starts: F64, ways: F64) -> tuple[F64, F64]:
-    """Origins and directions in sample indices; a direction that hardly drifts along an axis is parallel to it."""
-    o, d = starts @ index_from_world[:3, :3].T + index_from_world[:3, 3], ways @ index_from_world[:3, :3].T
-    reach = (np.abs(o).max(axis=1) + last.max()) / np.abs(d).max(axis=1)
-    return o, np.where(np.abs(d) * reach[:, None] <= GRAZING, 0.0, d)
+def check_resolved(light: CellLight, rays: tuple[F64, F64, F64]) -> None:
+    """Raise `CapacityError` where more than half the tolerance is left unresolved on one of the rays."""
+    from isosample.integral.cell_light import WORST, WORST_RAY
+
+    worst, ray = light.numbers[WORST], int(light.numbers[WORST_RAY])
+    if worst > light.allowed:
+        raise CapacityError(
+            f"the light along the ray from {rays[0][ray].tolist()} towards {rays[1][ray].tolist()} [sample indices] is "
+            f"known to within {worst:.1e} only, as the gradient vanishes there; {light.allowed:.1e} is asked for. "
+            "Ask for a larger tolerance."
+        )
+
+
+def checked_material(material: npt.ArrayLike, tolerance: float) -> F64:
+    """(4,) float64, finite and >= 0, or an `InputError`; also where light cannot be known so well."""
+    if tolerance < LEAST_LIT_TOLERANCE:
+        raise InputError(
+            f"tolerance {tolerance!r} is below {LEAST_LIT_TOLERANCE:g}: rounding leaves no more of light. Give that."
+        )
+    numbers = at_least_zero(last_axis(material, "material", 4), "material")
+    if numbers.shape != (4,):
+        raise InputError(f"material has shape {numbers.shape}; expected (4,). Give one material.")
+    return numbers
 
 
 def offset_of(low: float, high: float) -> float:
     """What to subtract from values so that rounding is relative to their range; 0 where 0 is near them."""
     return 0.5 * low + 0.5 * high if max(low, -high) > high - low else 0.0
-
-
-def checked_rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[F64, F64]:
-    """(N, 3) float64 origins and unit directions, or an `InputError`."""
-    starts, ways = last_axis(origins, "origins", 3), last_axis(directions, "directions", 3)
-    if starts.ndim != 2 or starts.shape != ways.shape:
-        raise InputError(
-            f"origins {starts.shape} and directions {ways.shape} must both be (N, 3). Flatten the picture."
-        )
-    for name, vectors in (("origins", starts), ("directions", ways)):
-        wrong = np.flatnonzero(~np.isfinite(vectors).all(axis=1))
-        if wrong.size:
-            raise InputError(f"{name}[{wrong[0]}] is {vectors[wrong[0]].tolist()}; expected finite numbers.")
-    lengths = np.linalg.norm(ways, axis=1)
-    wrong = np.flatnonzero(np.abs(lengths - 1.0) > UNIT_TOLERANCE)
-    if wrong.size:
-        raise InputError(
-            f"directions[{wrong[0]}] has length {lengths[wrong[0]]!r}; expected 1. Divide by the length."
-        )
-    return starts, ways
-
-
-def box_intervals(origins: F64, directions: F64, last: F64, nearest: float = 0.0) -> F64:
-    """(N, 2) float64, ray parameters at which rays enter and leave the box from 0 to `last`; t >= nearest.
-
-    The numbers are those of `ray_cells.plane_distance`, bit for bit. Rays beside the box, and rays that lie
-    in no plane but touch it, get an empty interval.
-    """
-    parallel = directions == 0.0
-    slopes = np.where(parallel, 1.0, directions)
-    near, far = (0.0 - origins) / slopes, (last - origins) / slopes
-    beside = parallel & ((origins < -GRAZING) | (origins > last + GRAZING))
-    first = np.where(parallel, -np.inf, np.minimum(near, far)).max(axis=1, initial=nearest)
-    final = np.where(parallel, np.inf, np.maximum(near, far)).min(axis=1)
-    return np.stack([first, np.where(beside.any(axis=1), -np.inf, final)], axis=1)
-
-
-def clipped(intervals: F64, origins: F64, directions: F64, planes: Sequence[Plane]) -> F64:
-    """Intervals of the ray parameter, cut to the kept side of every plane.
-
-    Raises
-    ------
-    InputError
-        If a plane is not four finite numbers with a normal that is not zero.
-    """
-    first, final = intervals[:, 0].copy(), intervals[:, 1].copy()
-    for plane in planes:
-        numbers = np.asarray(plane, dtype=np.float64)
-        if numbers.shape != (4,) or not np.isfinite(numbers).all() or not numbers[:3].any():
-            raise InputError(
-                f"clip plane {plane!r} must be (nx, ny, nz, d), finite, with a normal that is not zero."
-            )
-        height, slope = origins @ numbers[:3] + numbers[3], directions @ numbers[:3]
-        crossing = -height / np.where(slope == 0.0, 1.0, slope)
-        first = np.where(slope > 0.0, np.maximum(first, crossing), first)
-        final = np.where(slope < 0.0, np.minimum(final, crossing), final)
-        final = np.where((slope == 0.0) & (height < 0.0), -np.inf, final)
-    return np.stack([first, final], axis=1)
 
 
 def run_in_blocks(work: Callable[[slice], None], count: int, progress: Progress | None) -> None:

@@ -57,8 +57,16 @@ def cell_polynomial(taps: F64, kernel: F64, ends: F64, weights: F64, result: F64
         Is filled in. All are equal, exactly, where the taps are.
     """
     for axis in range(3):
-        _weights_along(kernel, ends[0, axis], ends[1, axis], weights[axis])
+        weights_along(kernel, ends[0, axis], ends[1, axis], weights[axis])
     centre = taps[1, 1, 1]
+    weighed_taps(taps, centre, weights, result)
+    for i in range(DEGREE + 1):
+        result[i] += centre
+
+
+@compiled
+def weighed_taps(taps: F64, centre: float, weights: F64, result: F64) -> None:
+    """Fill in the Bernstein coefficients of the sum of the taps, less `centre`, times three weights each."""
     for i in range(DEGREE + 1):
         result[i] = 0.0
     for c in range(4):
@@ -87,11 +95,11 @@ def cell_polynomial(taps: F64, kernel: F64, ends: F64, weights: F64, result: F64
             result[i + 5] += w_i * p5
             result[i + 6] += w_i * p6
     for i in range(DEGREE + 1):
-        result[i] = centre + result[i] / BINOMIALS[i]
+        result[i] /= BINOMIALS[i]
 
 
 @compiled
-def _weights_along(kernel: F64, start: float, end: float, weights: F64) -> None:
+def weights_along(kernel: F64, start: float, end: float, weights: F64) -> None:
     """Bernstein coefficients, times 1, 3, 3, 1, of the four weights from one fraction to another: blossoms."""
     for m in range(4):
         k0, k1, k2, k3 = kernel[m, 0], kernel[m, 1], kernel[m, 2], kernel[m, 3]

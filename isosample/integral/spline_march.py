@@ -25,6 +25,7 @@ from isosample.integral.band_walk import (
     walk_cubic,
 )
 from isosample.integral.bernstein import halve_polynomial, polynomial_bounds, polynomial_mean
+from isosample.integral.cell_light import begin_lit_ray, end_lit_ray, set_part
 from isosample.integral.cell_trace import trace_capacity, trace_cells
 from isosample.integral.ray_cells import (
     BLOCKS,
@@ -42,10 +43,12 @@ from isosample.integral.spline_cells import (
     hermite_error,
 )
 from isosample.integral.spline_grid import load_taps, spline_shape
+from isosample.integral.spline_light import load_spline_gradient
 from isosample.integral.spline_panels import absorb_polynomial, panel_depth
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics
+    from isosample.integral.cell_light import CellLight
     from isosample.integral.ray_cells import State
     from isosample.integral.spline_grid import SplineGrid
     from isosample.integral.spline_panels import Accuracy
@@ -66,6 +69,7 @@ def integrate_spline_block(
     rays: tuple[F64, F64, F64],
     rgba: F64,
     counts: I64,
+    light: CellLight | None,
 ) -> None:
     """Integrate rays one after the other.
 
@@ -74,7 +78,7 @@ def integrate_spline_block(
     grid, optics
         The volume and the transfer function.
     accuracy : Accuracy
-    rays, rgba, counts
+    rays, rgba, counts, light
         As for `ray_cells.integrate_ray_block`.
     """
     origins, directions, intervals = rays
@@ -84,6 +88,8 @@ def integrate_spline_block(
     cells, spans = np.empty((capacity, 3), dtype=np.int64), np.empty((capacity, 2))
     for ray in range(len(origins)):
         start_walk(walk)
+        if light is not None:
+            begin_lit_ray(light)
         line = (origins[ray], directions[ray])
         count, counts[ray, BLOCKS] = trace_cells(line, intervals[ray], shape, grid.visible, (cells, spans))
         state = nowhere()
@@ -91,14 +97,17 @@ def integrate_spline_block(
             if walk[TRANSMITTANCE] < OPAQUE:
                 break
             if n > 0 and spans[n, 0] != spans[n - 1, 1]:
-                state = leave_field(walk, optics, state)
+                state = leave_field(walk, optics, state, light)
             place_ends(line, cells[n], spans[n], scratch[2])
             length = spans[n, 1] - spans[n, 0]
-            state = _walk_cell(walk, scratch, grid, optics, accuracy, cells[n], length, state, counts[ray])
-        leave_field(walk, optics, state)
+            cell = (cells[n], line[1], length)
+            state = _walk_cell(walk, scratch, grid, optics, accuracy, cell, state, counts[ray], light)
+        leave_field(walk, optics, state, light)
         for i in range(4):
             rgba[ray, i] = walk[i]
         counts[ray, PANEL_COUNT] = np.int64(walk[PANELS])
+        if light is not None:
+            end_lit_ray(light, ray)
 
 
 @compiled
@@ -122,16 +131,19 @@ def _walk_cell(
     grid: SplineGrid,
     optics: Optics,
     accuracy: Accuracy,
-    cell: I64,
-    length: float,
+    cell: tuple[I64, F64, float],
     state: State,
     counts: I64,
+    light: CellLight | None,
 ) -> State:
-    """Walk through one cell whose ends are placed; return what is known at its end."""
+    """Walk through one cell whose ends are placed; return what is known at its end.
+
+    `cell`: its (x, y, z), the direction of the ray in sample indices, and the length of the ray's part in it [world].
+    """
     known, band, value = state
     taps, weights, ends, polynomials, _, _ = scratch
     counts[CELLS] += 1
-    low, high = load_taps(grid, cell, taps)
+    low, high = load_taps(grid, cell[0], taps)
     bands = optics.bands
     if not known:
         band = band_above(bands.edges, band, 0.5 * (low + high))
@@ -144,30 +156,44 @@ def _walk_cell(
     else:
         band = band_above(bands.edges, band, polynomials[0, 0])
     value = polynomials[0, DEGREE]
-    band = _walk_polynomial(walk, band, scratch, optics, accuracy, length)
+    if light is not None:
+        load_spline_gradient(taps, grid.kernel, ends, weights, cell[1], light)
+    band = _walk_polynomial(walk, band, scratch, optics, accuracy, cell[2], light)
     return True, band, value
 
 
 @compiled
 def _walk_polynomial(
-    walk: F64, band: int, scratch: Scratch, optics: Optics, accuracy: Accuracy, length: float
+    walk: F64,
+    band: int,
+    scratch: Scratch,
+    optics: Optics,
+    accuracy: Accuracy,
+    length: float,
+    light: CellLight | None,
 ) -> int:
     """Walk along the first of the polynomials, over a length [world]; return the band at its end."""
     polynomials, lengths = scratch[3], scratch[4]
     lengths[0] = length
-    top = 0
+    top, done = 0, 0.0
     while top >= 0 and walk[TRANSMITTANCE] >= OPAQUE:
         polynomial = polynomials[top]
+        if light is not None:
+            set_part(light, done / length, lengths[top] / length)
         low, high = polynomial_bounds(polynomial)
         if _inside(optics.bands, band, low, high):
             mean = polynomial_mean(polynomial)
-            if _only_mean_counts(optics.bands, band):
-                absorb(walk, band, (mean, mean, mean, mean), lengths[top], optics)
+            if _only_mean_counts(optics.bands, band, light is not None):
+                absorb(walk, band, (mean, mean, mean, mean), (0.0, 1.0), lengths[top], optics, light)
+                done += lengths[top]
                 top -= 1
                 continue
             extent = (lengths[top], panel_depth(optics.bands, band, mean, lengths[top]))
             if extent[1] <= accuracy.rules.depth_limits[-1]:
-                absorb_polynomial(walk, band, polynomial, extent, optics.bands, accuracy.rules, scratch[5])
+                absorb_polynomial(
+                    walk, band, polynomial, extent, optics.bands, accuracy.rules, scratch[5], light
+                )
+                done += lengths[top]
                 top -= 1
                 continue
         cubic = hermite_cubic(polynomial)
@@ -176,7 +202,8 @@ def _walk_polynomial(
             ROUNDING * max(abs(low), abs(high)),
         )
         if lengths[top] <= length * 0.5**MAX_HALVINGS or hermite_error(polynomial, cubic) <= allowed:
-            band = walk_cubic(walk, band, cubic, lengths[top], optics)
+            band = walk_cubic(walk, band, cubic, lengths[top], optics, light)
+            done += lengths[top]
             top -= 1
             continue
         lengths[top] *= 0.5
@@ -199,10 +226,12 @@ def _unseen(bands: BandTable, band: int) -> bool:
 
 
 @compiled
-def _only_mean_counts(bands: BandTable, band: int) -> bool:
-    """Whether a band has one colour, so that the optical depth alone decides, or no extinction."""
+def _only_mean_counts(bands: BandTable, band: int, lit: bool) -> bool:
+    """Whether a band has one colour and is not lit, so that the optical depth alone decides, or no extinction."""
     color = bands.color[band]
-    same = color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]
+    same = (
+        not lit and color[0, 0] == color[1, 0] and color[0, 1] == color[1, 1] and color[0, 2] == color[1, 2]
+    )
     return bool(same or _unseen(bands, band))
 
 

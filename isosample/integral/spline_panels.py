@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.compiled import compiled
-from isosample.integral.band_walk import PANELS, composite
+from isosample.integral.band_walk import PANELS, absorb_lit, composite
 from isosample.integral.bernstein import bernstein_basis
 from isosample.integral.quadrature import gauss_legendre
 from isosample.integral.spline_cells import DEGREE
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable
+    from isosample.integral.cell_light import CellLight
 
 F64 = npt.NDArray[np.float64]
 
@@ -79,7 +80,14 @@ class Accuracy(NamedTuple):
     rules: SplineRules
 
     @classmethod
-    def build(cls, bands: BandTable, scales: tuple[float, float], tolerance: float, panels: int) -> Accuracy:
+    def build(
+        cls,
+        bands: BandTable,
+        scales: tuple[float, float],
+        tolerance: float,
+        panels: int,
+        brightest: float = 1.0,
+    ) -> Accuracy:
         """What is needed for a tolerance of cubics, and of quadrature.
 
         Parameters
@@ -89,6 +97,8 @@ class Accuracy(NamedTuple):
         tolerance : float
         panels : int
             Divides every panel and every cubic again; the error of a cubic falls by 16 when it is halved.
+        brightest : float
+            Largest component of a colour, >= 1.
         """
         chord, value_range = scales
         finite = np.isfinite(bands.edges[1:]) & np.isfinite(bands.edges[:-1])
@@ -97,7 +107,9 @@ class Accuracy(NamedTuple):
         by_color = np.abs(np.diff(bands.color, axis=1)[:, 0]).max(axis=1)
         shown = bands.extinction.max(axis=1) > 0
         sensitivity = np.maximum((by_depth + by_color) / width * shown, 1.0 / value_range)
-        return cls(tolerance / panels**4 / sensitivity, SplineRules.for_tolerance(tolerance, panels))
+        return cls(
+            tolerance / brightest / panels**4 / sensitivity, SplineRules.for_tolerance(tolerance, panels)
+        )
 
 
 @compiled
@@ -118,6 +130,7 @@ def absorb_polynomial(
     bands: BandTable,
     rules: SplineRules,
     places: F64,
+    light: CellLight | None,
 ) -> None:
     """Composite a panel inside one band: opacity in closed form, colour by quadrature.
 
@@ -132,6 +145,7 @@ def absorb_polynomial(
     rules : SplineRules
     places : (10,) float64
         Is overwritten.
+    light : CellLight or None
     """
     length, depth = extent
     rule = 0
@@ -141,6 +155,9 @@ def absorb_polynomial(
     scale = 1.0 / (bands.edges[band + 1] - low)
     for k in range(DEGREE + 1):
         places[k] = (polynomial[k] - low) * scale
+    if light is not None:
+        absorb_lit(walk, band, places, (0.0, 1.0), length, depth, bands, light)
+        return
     front = bands.extinction[band, 0] * length
     change = bands.extinction[band, 1] * length - front
     toward_high = 0.0

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.integral.box_rays import clipped
 from isosample.integral.crossing_lists import BORDER, CrossingLists
 from isosample.integral.ray import box_interval, face_tolerance, nearest_face
-from isosample.integral.reference import clipped
 from isosample.integral.spline import spline_face_tolerance
 from isosample.rendering.frame import shared_constants, shared_number
 
