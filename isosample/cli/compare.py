@@ -45,6 +45,7 @@ EXAMPLE = """\
 isosample compare head.nrrd --tf bone.json -o head_report
 isosample compare head.nrrd --tf bone.json --quick -o head_report
 isosample compare head.nrrd --methods data-centric,pre-integrated --cameras 3 --size 800x800 -o head_report
+isosample compare head.nrrd --tf bone.json --shading -o lit_report
 isosample compare head.nrrd --steps 1,1/2,1/4 --per-slopes 1,3,9 --tolerances 1/255 --repeat 11 -o head_report"""
 
 
@@ -157,7 +158,7 @@ def _scene(
 ) -> ComparedScene:
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.raycast_settings import Crossings, PeakWeight, RaycastSettings, Sampling
-    from isosample.rendering.settings import ClipPlane, RenderSettings, ResolveStage
+    from isosample.rendering.settings import ClipPlane, Material, RenderSettings, ResolveStage
     from isosample.volume.reconstruction import Reconstruction
 
     return ComparedScene(
@@ -165,6 +166,7 @@ def _scene(
         transfer_function=transfer_function,
         size=size,
         render=RenderSettings(
+            material=Material() if args.shading else None,
             background=args.background,
             clip_planes=tuple(ClipPlane(*plane) for plane in args.clip),
             stage=ResolveStage(args.stage),

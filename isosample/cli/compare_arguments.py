@@ -107,4 +107,9 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many views around the volume, from --azimuth on (default 1)",
     )
+    arguments.add_shading_option(
+        group,
+        does="light the volume from the eye, in every method and in the reference (default: colours as they are); "
+        "isovalues for --tolerances are searched for without light all the same",
+    )
     arguments.add_look_options(group, displayed="; displayed over black")

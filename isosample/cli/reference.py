@@ -10,7 +10,6 @@ from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
 from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
 from isosample.cli.turntable import cameras_of, run_turntable
-from isosample.errors import InputError
 from isosample.wording import thousands
 
 if TYPE_CHECKING:
@@ -30,14 +29,14 @@ def run_reference(
     from isosample.volume.reconstruction import Reconstruction
 
     check_volume_is_named(args)
-    if args.shading:
-        raise InputError("--method reference has no light; leave out --shading, or choose another method.")
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     reconstruction = Reconstruction(args.reconstruction or "trilinear")
-    renderer = ReferenceRenderer(volume, tf, reconstruction=reconstruction, nan_masked=masked)
+    renderer = ReferenceRenderer(
+        volume, tf, reconstruction=reconstruction, nan_masked=masked, material=settings.material
+    )
     if args.turntable is not None:
         empty = run_turntable(
             args,

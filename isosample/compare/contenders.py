@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from isosample.defaults import DATA_CENTRIC
-from isosample.errors import InputError
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality
@@ -88,7 +87,7 @@ class ComparedScene:
     size : (width, height)
         Pixels.
     render : RenderSettings
-        Background, clip planes, stage; no material, since the reference has no light.
+        Background, clip planes, stage, and the material with which every method and the reference are lit.
     raycast : RaycastSettings
         Of the ray casters, but for classification and step. Its reconstruction is that of every method.
     nan_masked : bool
@@ -103,12 +102,6 @@ class ComparedScene:
     raycast: RaycastSettings = field(default_factory=RaycastSettings)
     nan_masked: bool = False
     details: int = 0
-
-    def __post_init__(self) -> None:
-        if self.render.material is not None:
-            raise InputError(
-                "the reference has no shading, but a material is given; compare without shading."
-            )
 
 
 class Contender(Protocol):
@@ -160,7 +153,7 @@ class SurfaceContender:
             asked = Quality(tolerance=self.setting.value, reconstruction=reconstruction, refine=None)
         else:
             asked = Quality(per_slope=int(self.setting.value), reconstruction=reconstruction)
-        return replace(asked, details=self._scene.details)
+        return replace(asked, details=self._scene.details, lit=self._scene.render.material is not None)
 
     def prepare(self) -> None:
         """Plan and extract, without a cache."""

@@ -90,6 +90,7 @@ def describe_conventions(scene: ComparedScene, cameras: Sequence[Camera]) -> dic
         "cameras": [camera.to_dict() for camera in cameras],
         "background": list(render.background),
         "backdrop": list(backdrop_of(render.background)),
+        "material": None if render.material is None else list(render.material.factors),
         "clip_planes": [[plane.nx, plane.ny, plane.nz, plane.d] for plane in render.clip_planes],
         "stage": render.stage.value,
         "min_transmittance": render.min_transmittance,

@@ -150,6 +150,7 @@ def _setting_facts(settings: Document) -> list[tuple[str, str]]:
             f"{settings['repeat']} per setting and camera, in turn, after one that is not timed",
         ),
         ("background", _vector(settings["background"])),
+        ("light", _light(settings["material"])),
         ("clip planes", planes),
         ("reconstruction", settings["reconstruction"]),
         ("least transmittance", f"{settings['min_transmittance']:.2g}"),
@@ -173,6 +174,18 @@ def _grain(settings: Document) -> str:
     ]
     least, greatest = settings["grain_tilts"]
     return f"{'; '.join(bands)}: steps of one voxel at tilts of {least:g}° to {greatest:g}°"
+
+
+def _light(material: Sequence[float] | None) -> str:
+    """How every method and the reference are lit."""
+    if material is None:
+        return "none: colours as they are"
+    ambient, diffuse, specular, shininess = material
+    return (
+        f"at the eye, Blinn–Phong: ambient {ambient:g}, diffuse {diffuse:g}, specular {specular:g}, shininess "
+        f"{shininess:g}; the reference is lit everywhere, ray casters at their samples, data-centric by the "
+        "gradients at crossings"
+    )
 
 
 def _meshes(settings: Document) -> str:

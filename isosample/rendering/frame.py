@@ -134,8 +134,7 @@ def head_start(rays: Rays, box: Box) -> float:
 def _set_look(frame: np.void, settings: RenderSettings, centre: npt.NDArray[np.float64]) -> None:
     frame["background"] = settings.background_premultiplied
     if settings.material is not None:
-        material = settings.material
-        frame["material"] = (material.ambient, material.diffuse, material.specular, material.shininess)
+        frame["material"] = settings.material.factors
     frame["clip_plane_count"] = len(settings.clip_planes)
     for i, plane in enumerate(settings.clip_planes):
         frame["clip_planes"][i] = plane.about(centre)

@@ -47,7 +47,7 @@ class Quality:
         `surfaces.detail`.
     lit : bool
         Whether pictures will be lit (`RenderSettings.material`), see `plan_isovalues`. A tolerance is searched for
-        without light all the same, as its reference has none.
+        without light all the same.
 
     Raises
     ------

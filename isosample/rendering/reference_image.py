@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.defaults import DEFAULT_SIZE, REFERENCE
-from isosample.errors import InputError
 from isosample.integral.reference import DEFAULT_TOLERANCE, ReferenceTracer, processors
 from isosample.rendering.camera import Camera
 from isosample.rendering.image import Image
@@ -21,6 +20,7 @@ from isosample.volume.reconstruction import Reconstruction
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from isosample.rendering.settings import Material
     from isosample.rendering.stage_progress import Progress
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
@@ -52,13 +52,13 @@ def render_reference(
     size : (width, height)
         Pixels; rays go through their centres.
     settings : RenderSettings, optional
-        Background and clip planes count; shading is not possible. What belongs to the A-buffer (segment rule,
-        stage, budget, `min_transmittance`) has no meaning here: a ray ends at a transmittance of 1e-14.
+        Shading, background and clip planes count. What belongs to the A-buffer (segment rule, stage, budget,
+        `min_transmittance`) has no meaning here: a ray ends at a transmittance of 1e-14.
     reconstruction : Reconstruction
         The field between the samples.
     tolerance : float
-        Largest absolute error of a component, 1e-13 to 1e-2, see `integrate_rays`; the picture is then rounded
-        to float32.
+        Largest absolute error of a component, 1e-13 (with shading 1e-12) to 1e-2, see `integrate_rays`; the
+        picture is then rounded to float32.
     nan_masked : bool
         Leave out the cells that touch a NaN or infinite sample; otherwise, and always with a smooth
         reconstruction, such samples are an error.
@@ -73,12 +73,18 @@ def render_reference(
     Raises
     ------
     InputError
-        If shading is asked for, the volume is thin or not finite, or an option is out of range.
+        If the volume is thin or not finite, or an option is out of range.
+    CapacityError
+        If the light of a ray is not known to within the tolerance, because the gradient vanishes along it.
     """
     check_size(size)
-    check_unlit(settings)
     renderer = ReferenceRenderer(
-        volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance, nan_masked=nan_masked
+        volume,
+        transfer_function,
+        reconstruction=reconstruction,
+        tolerance=tolerance,
+        nan_masked=nan_masked,
+        material=None if settings is None else settings.material,
     )
     return renderer.render(camera=camera, size=size, settings=settings, progress=progress)
 
@@ -90,6 +96,8 @@ class ReferenceRenderer:
     ----------
     volume, transfer_function, reconstruction, tolerance, nan_masked
         As for `render_reference`.
+    material : Material, optional
+        What is prepared for; settings with another material are prepared for when they are met.
 
     Raises
     ------
@@ -105,13 +113,24 @@ class ReferenceRenderer:
         reconstruction: Reconstruction = Reconstruction.TRILINEAR,
         tolerance: float = DEFAULT_TOLERANCE,
         nan_masked: bool = False,
+        material: Material | None = None,
     ) -> None:
         check_is_transfer_function(transfer_function)
         check_volume(volume, ExtractionSettings(nan_masked=nan_masked))
-        self._box, self._reconstruction = volume.box, reconstruction
+        self._volume, self._transfer_function = volume, transfer_function
+        self._reconstruction, self._tolerance = reconstruction, tolerance
+        self._prepare(material)
+
+    def _prepare(self, material: Material | None) -> None:
+        """Prepare the volume for a material."""
         started = time.perf_counter()
+        self._material = material
         self._tracer = ReferenceTracer.build(
-            volume, transfer_function, reconstruction=reconstruction, tolerance=tolerance
+            self._volume,
+            self._transfer_function,
+            reconstruction=self._reconstruction,
+            material=None if material is None else material.factors,
+            tolerance=self._tolerance,
         )
         self._seconds = {"prepare": time.perf_counter() - started}
 
@@ -126,8 +145,9 @@ class ReferenceRenderer:
         """Render one picture; parameters and errors as `render_reference`."""
         width, height = check_size(size)
         settings = settings or RenderSettings()
-        check_unlit(settings)
-        camera = camera or Camera.default(self._box, (width, height))
+        if settings.material != self._material:
+            self._prepare(settings.material)
+        camera = camera or Camera.default(self._volume.box, (width, height))
         started = time.perf_counter()
         origins, directions = camera.rays(width / height).origins_and_directions(width, height)
         rgba, counts = self._tracer.integrate(
@@ -141,14 +161,6 @@ class ReferenceRenderer:
         self._seconds = {}
         statistics = _statistics(self._tracer, self._reconstruction, counts, (width, height), seconds)
         return Image(rgba.reshape(height, width, 4).astype(np.float32), statistics)
-
-
-def check_unlit(settings: RenderSettings | None) -> None:
-    """Raise `InputError` if light is asked for, which the reference does not have."""
-    if settings is not None and settings.material is not None:
-        raise InputError(
-            "the reference has no shading, but a material is given; render it without shading (material=None)."
-        )
 
 
 def _statistics(

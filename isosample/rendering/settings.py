@@ -45,6 +45,11 @@ class Material:
             if not (math.isfinite(number) and number >= 0):
                 raise InputError(f"material {name} {number!r} must be a finite number >= 0.")
 
+    @property
+    def factors(self) -> tuple[float, float, float, float]:
+        """Ambient, diffuse, specular, shininess: as `integral.shading` and the shaders have them."""
+        return (self.ambient, self.diffuse, self.specular, self.shininess)
+
 
 @dataclass(frozen=True, slots=True)
 class ClipPlane:

@@ -120,7 +120,7 @@ def plan_for_tolerance(
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
     lit : bool
         Whether pictures will be lit: slopes of constant extinction and colour are then given isovalues too. What is
-        reached is measured without light all the same, as the reference has none.
+        reached is measured without light all the same, as exact crossings are integrated without.
     progress : callable, optional
         Called with the stage ("truth", "isovalues", "refine"), steps done and steps in all.
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import PIL.Image
 import pytest
 
@@ -63,6 +64,25 @@ def test_options_reach_the_comparison(run: Run) -> None:
     cameras = [isosample.Camera.orbit(box, azimuth=angle, aspect=4 / 3) for angle in (10.0, 190.0)]
     assert settings["cameras"] == [camera.to_dict() for camera in cameras]
     assert all(len(entry["views"]) == 2 for entry in document["entries"])
+
+
+def test_with_light_every_method_and_the_reference_are_lit(run: Run) -> None:
+    words = "--methods data-centric,pre-integrated --steps 0.25 --per-slopes 9"
+    assert run(f"{COMPARE} {words} --shading").status == 0
+    lit = results()
+    assert lit["settings"]["material"] == [0.35, 0.65, 0.2, 32.0]
+    page = Path("out/report.html").read_text(encoding="utf-8")
+    assert "all lit, 16 × 12 pixels" in page
+    assert "ambient 0.35, diffuse 0.65, specular 0.2, shininess 32" in page
+    with PIL.Image.open("out/pictures/camera-1_reference.png") as picture:
+        seen = np.asarray(picture).astype(float)
+    assert run(f"{COMPARE} {words}").status == 0
+    assert results()["settings"]["material"] is None
+    assert "colours as they are" in Path("out/report.html").read_text(encoding="utf-8")
+    with PIL.Image.open("out/pictures/camera-1_reference.png") as picture:
+        assert np.abs(np.asarray(picture) - seen).max() > 20.0
+    for entry in lit["entries"]:  # a picture without light would be off by more than a tenth
+        assert entry["summary"]["rmse"] < 0.02
 
 
 def test_a_camera_of_a_file_and_differential_sampling(run: Run) -> None:

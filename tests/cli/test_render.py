@@ -14,6 +14,7 @@ from cli.harness import Run, blob, write_json
 from cli.rendered import EXTINCTION, RENDER, ROUNDING, opacity_after, pixels, write_slab
 from isosample.cli.methods import METHODS
 from isosample.cli.summary import say_flaws
+from isosample.rendering.reference_image import render_reference
 from isosample.wording import percentage, thousands
 
 pytestmark = pytest.mark.usefixtures("gl")
@@ -113,6 +114,21 @@ def test_the_reference_is_that_of_the_library_and_close_to_the_picture(run: Run)
     # A constant medium is exact in both: what is left is the picture's float32.
     np.testing.assert_allclose(pixels(), pixels("reference.npy"), rtol=0, atol=ROUNDING)
     assert pixels()[8, 6, 3] == pytest.approx(opacity_after(7), abs=ROUNDING)
+
+
+def test_the_lit_reference_is_that_of_the_library(run: Run) -> None:
+    scene = "render blob.npy --tf tf.json --size 16x16 --method reference"
+    assert run(f"{scene} --shading -o lit.npy").status == 0
+    assert run(f"{scene} --shading --turntable 2 -o film.npy").status == 0
+    assert run(f"{scene} -o plain.npy").status == 0
+    volume, tf = isosample.open_volume("blob.npy"), isosample.TransferFunction.load("tf.json")
+    settings = isosample.RenderSettings(material=isosample.Material())
+    exact = render_reference(
+        volume, tf, camera=isosample.Camera.orbit(volume.box), size=(16, 16), settings=settings
+    ).rgba
+    np.testing.assert_array_equal(pixels("lit.npy"), exact)
+    np.testing.assert_array_equal(np.load(min(Path().glob("film*.npy"))), exact)
+    assert np.abs(pixels("plain.npy") - exact).max() > 0.05
 
 
 def test_statistics_hold_what_the_contract_names(run: Run) -> None:

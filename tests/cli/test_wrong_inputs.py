@@ -126,9 +126,6 @@ COMMAND_LINES = {
     "isovalues of the reference": Wrong(f"{RENDER} --method reference --per-slope 0", ("--per-slope",)),
     "plan of the reference": Wrong(f"{RENDER} --method reference --plan", ("--plan", "reference")),
     "segments of the reference": Wrong(f"{RENDER} --method reference --segment constant", ("--segment",)),
-    "light of the reference": Wrong(
-        f"{RENDER} --method reference --shading", ("--method reference has no light; leave out --shading",)
-    ),
     "stage of the reference": Wrong(f"{RENDER} --method reference --stage compute", ("--stage",)),
     "cache of the reference": Wrong(f"{RENDER} --method reference --cache meshes", ("--cache",)),
     "azimuth in words": Wrong(f"{RENDER} --azimuth north", ("'north'", "--azimuth")),

@@ -18,7 +18,7 @@ import isosample
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from compare.small_comparison import CAMERAS, PER_SLOPES, REPEAT, SIZE, STEPS, blob_scene, small_experiment
 from isosample.compare import contenders
-from isosample.compare.contenders import ComparedScene, Parameter, Setting
+from isosample.compare.contenders import ComparedScene, Parameter, Setting, SurfaceContender
 from isosample.compare.experiment import Experiment, run_experiment
 from isosample.compare.frames import draw_once, time_frames
 from isosample.compare.metrics import rmse
@@ -307,12 +307,8 @@ def test_methods_are_known_and_differ(methods: tuple[str, ...], message: str) ->
         Sweep(methods=methods)
 
 
-def test_a_lit_scene_has_no_reference() -> None:
+def test_the_meshes_of_a_lit_scene_are_planned_for_light() -> None:
+    setting = Setting("data-centric", Parameter.PER_SLOPE, 3)
     scene = blob_scene()
-    with pytest.raises(InputError, match="no shading"):
-        ComparedScene(
-            volume=scene.volume,
-            transfer_function=scene.transfer_function,
-            size=SIZE,
-            render=isosample.RenderSettings(material=isosample.Material()),
-        )
+    lit = replace(scene, render=replace(scene.render, material=isosample.Material()))
+    assert [SurfaceContender(one, setting).quality.lit for one in (scene, lit)] == [False, True]
