@@ -63,16 +63,16 @@ def load_gradient(grid: CellGrid, cell: I64, ends: F64, direction: F64, light: C
     x, y, z = int(cell[0]), int(cell[1]), int(cell[2])
     largest = 0.0
     for axis in range(3):
-        steepest = 0.0
+        slopes, sizes = light.slopes[0], light.slopes[1]
         for k in range(2):
             for j in range(2):
                 for i in range(2):
-                    slope = slope_at(grid.samples, (x + i, y + j, z + k), axis)
-                    light.slopes[axis, k, j, i] = slope
-                    steepest = max(steepest, abs(slope))
-        cubic = cubic_between(light.slopes[axis], ends[0], ends[1])
+                    slopes[k, j, i] = slope_at(grid.samples, (x + i, y + j, z + k), axis)
+                    sizes[k, j, i] = abs(slopes[k, j, i])
+        cubic, mixed = cubic_between(slopes, ends[0], ends[1]), cubic_between(sizes, ends[0], ends[1])
         for n in range(4):
             light.gradient[axis, n] = cubic[n]
+        steepest = max(max(mixed[0], mixed[1]), max(mixed[2], mixed[3]))
         largest += steepest * column_length(light.world_from_slopes, axis)
     turn_to_world(light, direction, largest)
 
@@ -87,8 +87,8 @@ def column_length(matrix: F64, column: int) -> float:
 def turn_to_world(light: CellLight, direction: F64, largest: float) -> None:
     """Turn derivatives per sample step into the world's, add the component along the ray, and divide by the largest.
 
-    `largest` is a bound of what the gradient is mixed from [data units / world]; where no more is left than its
-    rounding, the gradient is taken for 0.
+    `largest` is a bound of the sizes of all that is mixed, mixed alike [data units / world]; where no more is left than
+    its rounding, the gradient is taken for 0.
     """
     gradient, matrix = light.gradient, light.world_from_slopes
     most = 0.0

@@ -49,8 +49,10 @@ class CellLight(NamedTuple):
         See ``START``.
     turns : (D,) float64
         Where in the cell the component along the ray changes its sign, ascending: there the light has a kink.
-    slopes : (3, 2, 2, 2) float64
-        Scratch: derivatives at the corners, per sample step.
+    slopes : (2, 2, 2, 2) float64
+        Scratch: derivatives at the corners, per sample step, and their sizes.
+    taps : (4, 4, 4), sizes : (3, 4, 4), mixed : (10,) float64
+        Scratch: sizes of the taps of a spline, and of their weights, and what they are mixed to.
     sums : (11,) float64
         Scratch: integral of a polynomial.
     waiting : (`MOST_TURN_HALVINGS` + 2, D + 2), row : (D + 1,) float64
@@ -69,6 +71,9 @@ class CellLight(NamedTuple):
     numbers: F64
     turns: F64
     slopes: F64
+    taps: F64
+    sizes: F64
+    mixed: F64
     sums: F64
     waiting: F64
     row: F64
@@ -93,7 +98,10 @@ class CellLight(NamedTuple):
             np.zeros((4, count)),
             np.zeros(8),
             np.zeros(count - 1),
-            np.zeros((3, 2, 2, 2)),
+            np.zeros((2, 2, 2, 2)),
+            np.zeros((4, 4, 4)),
+            np.zeros((3, 4, 4)),
+            np.zeros(10),
             np.zeros(11),
             np.zeros((MOST_TURN_HALVINGS + 2, count + 1)),
             np.zeros(count),

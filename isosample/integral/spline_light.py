@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.compiled import compiled
+from isosample.integral.bernstein import polynomial_bounds
 from isosample.integral.cell_gradient import column_length, turn_to_world
 from isosample.integral.spline_cells import weighed_taps, weights_along
 
@@ -37,16 +38,20 @@ def load_spline_gradient(
     light : CellLight
     """
     centre = taps[1, 1, 1]
-    reach = 0.0
     for c in range(4):
         for b in range(4):
             for a in range(4):
-                reach = max(reach, abs(taps[c, b, a] - centre))
+                light.taps[c, b, a] = abs(taps[c, b, a] - centre)
     largest = 0.0
     for axis in range(3):
         for other in range(3):
             chosen = light.slope_kernel if other == axis else kernel
             weights_along(chosen, ends[0, other], ends[1, other], weights[other])
         weighed_taps(taps, centre, weights, light.gradient[axis])
-        largest += reach * column_length(light.world_from_slopes, axis)
+        for other in range(3):
+            for a in range(4):
+                for n in range(4):
+                    light.sizes[other, a, n] = abs(weights[other, a, n])
+        weighed_taps(light.taps, 0.0, light.sizes, light.mixed)
+        largest += polynomial_bounds(light.mixed)[1] * column_length(light.world_from_slopes, axis)
     turn_to_world(light, direction, largest)

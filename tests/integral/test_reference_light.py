@@ -11,8 +11,8 @@ import pytest
 
 from isosample.errors import CapacityError, InputError
 from isosample.integral import band_walk, bernstein, cell_gradient, cell_light, lit_panels, ray_cells
-from isosample.integral.cell_gradient import slope_at
-from isosample.integral.cell_light import WORST, CellLight
+from isosample.integral.cell_gradient import find_turns, slope_at
+from isosample.integral.cell_light import DOUBT, TURNS, WORST, CellLight
 from isosample.integral.reference import check_resolved, integrate_rays
 from isosample.integral.shading import blinn_phong
 from isosample.surfaces.field_kernels import sample_slope
@@ -152,6 +152,24 @@ def test_an_isosurface_is_lit_where_the_ray_crosses_it() -> None:
         assert np.abs(rgba[:3] - blinn_phong((0.3, 0.6, 0.9), normal, way, MATERIAL)).max() <= 1e-12
         seen += 1
     assert seen > 20
+
+
+def test_a_gradient_counts_however_short_it_is() -> None:
+    """Beside an edge whose samples have none, a weight of 1e-18 leaves that of one corner alone, along x, to all bits."""
+    samples = np.zeros((5, 5, 5))
+    samples[2, 2, 2] = 1.0
+    tf = slab(-1.0, 2.0, 0.8, WHITE, WHITE)
+    ends = [(1.0, 0.0, 0.0, -0.125), (-1.0, 0.0, 0.0, 0.875)]
+    found = integrate_rays(
+        Volume(samples),
+        tf,
+        [(-3.0, 1.0 + 1e-9, 1.0 + 1e-9)],
+        [(1.0, 0.0, 0.0)],
+        clip_planes=ends,
+        material=MATERIAL,
+    )
+    alpha = -math.expm1(-0.75 * 0.8)
+    assert found[0] == pytest.approx([alpha * sum(MATERIAL[:3])] * 3 + [alpha], abs=1e-10)
 
 
 def test_without_a_gradient_the_ambient_part_is_left() -> None:
@@ -353,6 +371,35 @@ def test_a_ray_that_stops_short_adds_up_what_it_leaves(monkeypatch: pytest.Monke
             material=MATERIAL,
             tolerance=1e-2,
         )
+
+
+TURNS_OF = {
+    "none": ([], []),
+    "one": ([0.3], [0.3]),
+    "in the middle, where it is halved": ([0.5], [0.5]),
+    "where it is halved again, with others": ([0.25, 0.5, 0.875], [0.25, 0.5, 0.875]),
+    "close together": ([0.4, 0.4 + 1e-5, 0.9], [0.4, 0.4 + 1e-5, 0.9]),
+    "a double zero is none": ([0.5, 0.5], []),
+    "outside": ([-0.2, 1.3, 0.6], [0.6]),
+}
+
+
+@pytest.mark.parametrize("degree", [3, 9])
+@pytest.mark.parametrize("case", TURNS_OF)
+def test_turns_are_the_zeros_at_which_the_sign_changes(case: str, degree: int) -> None:
+    """A root of a polynomial with coefficients below 1 is found to rounding over its slope."""
+    zeros, expected = TURNS_OF[case]
+    light = CellLight.build(np.array(MATERIAL), np.eye(4), 1e-10, None if degree == 3 else np.zeros((4, 4)))
+    powers = np.zeros(degree + 1)
+    factors = np.polynomial.polynomial.polyfromroots(zeros) if zeros else np.ones(1)
+    powers[: len(factors)] = factors
+    for i in range(degree + 1):  # from powers to Bernstein's basis
+        parts = [math.comb(i, j) / math.comb(degree, j) * powers[j] for j in range(i + 1)]
+        light.gradient[3, i] = math.fsum(parts)
+    light.numbers[DOUBT] = 16 * U
+    find_turns(light)
+    found = light.turns[: int(light.numbers[TURNS])]
+    assert found.tolist() == pytest.approx(expected, abs=1e-9 if case == "close together" else 1e-13)
 
 
 # -- samples that are not there -------------------------------------------------------------------
