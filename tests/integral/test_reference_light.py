@@ -155,7 +155,7 @@ def test_an_isosurface_is_lit_where_the_ray_crosses_it() -> None:
 
 
 def test_a_gradient_counts_however_short_it_is() -> None:
-    """Beside an edge whose samples have none, a weight of 1e-18 leaves that of one corner alone, along x, to all bits."""
+    """Beside an edge whose samples have none, a weight of 1e-18 leaves that of one corner alone, along x."""
     samples = np.zeros((5, 5, 5))
     samples[2, 2, 2] = 1.0
     tf = slab(-1.0, 2.0, 0.8, WHITE, WHITE)
