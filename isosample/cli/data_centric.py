@@ -13,6 +13,7 @@ from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
 from isosample.cli.summary import (
     check_strict,
+    lit_words,
     say_if_coarse,
     say_if_empty,
     say_if_nothing_is_seen,
@@ -61,7 +62,7 @@ def run_data_centric(
             "makes them"
         )
     if args.shading and scene.plan.report:
-        note("the tolerance was measured without light; how far the lit picture may be off is not known")
+        note(f"the tolerance was measured without light; {lit_words(scene.plan.report)}")
     if args.plan:
         from isosample.cli.plan_table import say_plan
 

@@ -46,6 +46,13 @@ def check_strict(stats: dict[str, Any]) -> None:
         )
 
 
+def lit_words(report: Mapping[str, Any]) -> str:
+    """How far the lit pictures of a tolerance's views are off; plans of older caches do not say."""
+    if "lit" not in report:
+        return "how far the lit picture may be off is not known"
+    return f"of the same views, lit, all but 0.1 % err less than {report['lit']['reached']:.2g}"
+
+
 def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     """Rows about the tolerance that a plan was made for; none without one."""
     report = plan.report
@@ -55,7 +62,8 @@ def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     views = len(report["views"])
     return {
         "tolerance": f"{report['tolerance']:.3g}: {verdict}; all but 0.1 % of the pixels of {views} views, unlit, "
-        f"err less than {report['reached']:.2g}, measured against the reference",
+        f"err less than {report['reached']:.2g}, measured against the reference"
+        + (f"; {lit_words(report)}" if "lit" in report else ""),
         "plan": report["reason"],
     }
 

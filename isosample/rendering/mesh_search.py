@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from isosample.rendering.planning_views import PlanningViews
+    from isosample.rendering.settings import Material
     from isosample.surfaces.mesh import BrickMesh
     from isosample.surfaces.settings import ExtractionSettings
     from isosample.surfaces.surface_set import SurfaceSet
@@ -172,7 +173,7 @@ def search_mesh(
             stop = found
             break
         surfaces = known.surfaces(plan.isovalues, step)
-        errors = views.errors(_pictures(surfaces, plan, views))
+        errors = views.errors(pictures_of(surfaces, plan, views))
         error, triangles = shown_error(errors), sum(surfaces.statistics.triangles)
         above = float(np.mean(errors > tolerance))
         rounds.append({**step._asdict(), "triangles": triangles, "error": error, "above": above})
@@ -220,9 +221,11 @@ def _next_growth(triangles: list[int]) -> float:
     return growth[-1]
 
 
-def _pictures(surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews) -> npt.NDArray[np.float32]:
+def pictures_of(
+    surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews, material: Material | None = None
+) -> npt.NDArray[np.float32]:
     """(N, 4) float32, the views as the GPU draws them."""
-    settings = RenderSettings(segment=SegmentRule.CUBIC)
+    settings = RenderSettings(segment=SegmentRule.CUBIC, material=material)
     size = (views.pixels, views.pixels)
     with Renderer(surfaces, plan) as renderer:
         images = [renderer.render(camera=c, size=size, settings=settings) for c in views.cameras]

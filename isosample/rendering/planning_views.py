@@ -15,6 +15,7 @@ from isosample.rendering.camera import Camera
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from isosample.rendering.settings import Material
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
@@ -54,12 +55,17 @@ class PlanningViews:
         *,
         tolerance: float,
         reconstruction: Reconstruction,
+        material: Material | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Self:
         """Views with their truth, which is `TRUTH_SHARE` of `tolerance` precise; errors as `ReferenceTracer`."""
-        precision = min(max(TRUTH_SHARE * tolerance, 1e-13), 1e-2)
+        precision = min(max(TRUTH_SHARE * tolerance, 1e-12), 1e-2)
         tracer = ReferenceTracer.build(
-            volume, transfer_function, tolerance=precision, reconstruction=reconstruction
+            volume,
+            transfer_function,
+            tolerance=precision,
+            reconstruction=reconstruction,
+            material=None if material is None else material.factors,
         )
         views = cls(tuple(cameras), pixels, np.zeros((0, 4)))
         truth, _ = tracer.integrate(*views.rays, progress=progress)

@@ -47,7 +47,7 @@ class Quality:
         `surfaces.detail`.
     lit : bool
         Whether pictures will be lit (`RenderSettings.material`), see `plan_isovalues`. A tolerance is searched for
-        without light all the same.
+        without light all the same; what the lit pictures err is told with it.
 
     Raises
     ------

@@ -12,10 +12,12 @@ from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_MAX_TRIANGLES, SHO
 from isosample.gl.context import shared_context
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.isovalue_search import search_field
-from isosample.rendering.mesh_search import KnownMeshes, Stop, search_mesh, steps_of_search
+from isosample.rendering.mesh_search import KnownMeshes, Stop, pictures_of, search_mesh, steps_of_search
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.planning_views import PlanningViews
 from isosample.rendering.search_options import check_limits, check_tolerance, views_to_try
+from isosample.rendering.settings import Material
+from isosample.rendering.shown_error import shown_error
 from isosample.rendering.stage_progress import of_stage
 from isosample.surfaces.settings import REFINEMENTS, ExtractionSettings, check_volume
 from isosample.volume.reconstruction import Reconstruction
@@ -60,7 +62,8 @@ class TolerancePlan:
         ``missed`` (None; "isovalues" or "mesh" where the tolerance is not reached, and what it failed on),
         ``reason`` in words, ``reconstruction``, ``refine``, ``flatness`` [voxel], ``views``, ``pixels``, ``quantile``,
         ``rounds`` (isovalues and error by exact crossings) and ``refinements`` (refine, flatness, triangles, error of
-        the pictures and ``above``, their share of pixels above the tolerance).
+        the pictures and ``above``, their share of pixels above the tolerance). Of a plan for light ``lit``: the
+        ``material`` (ambient, diffuse, specular, shininess), and ``reached``, the same error of the lit pictures.
     """
 
     plan: IsovaluePlan
@@ -120,7 +123,8 @@ def plan_for_tolerance(
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
     lit : bool
         Whether pictures will be lit: slopes of constant extinction and colour are then given isovalues too. What is
-        reached is measured without light all the same, as exact crossings are integrated without.
+        reached is measured without light all the same, as exact crossings are integrated without; then the error of
+        the lit pictures is measured, too, with the default material.
     progress : callable, optional
         Called with the stage ("truth", "isovalues", "refine"), steps done and steps in all.
 
@@ -191,6 +195,10 @@ def plan_for_tolerance(
         "refinements": meshes.rounds,
         "estimates": _estimates(meshes.surfaces, isovalues.plan, tried),
     }
+    if lit:
+        report["lit"] = _lit_error(
+            volume, transfer_function, (meshes.surfaces, isovalues.plan), tried, tolerance, reconstruction
+        )
     plan = dataclasses.replace(isovalues.plan, report=report)
     return TolerancePlan(plan, meshes.refine, meshes.surfaces, report)
 
@@ -252,6 +260,29 @@ def _estimates(surfaces: SurfaceSet, plan: IsovaluePlan, views: PlanningViews) -
         maps = [renderer.error_map(camera=c, size=(views.pixels, views.pixels)) for c in views.cameras]
     together = ErrorMap(*(np.stack([getattr(m, name) for m in maps]) for name in PANELS))
     return together.percentiles()
+
+
+def _lit_error(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    found: tuple[SurfaceSet, IsovaluePlan],
+    views: PlanningViews,
+    tolerance: float,
+    reconstruction: Reconstruction,
+) -> dict[str, Any]:
+    """What the pictures of the views err with the default material, against the reference with the same."""
+    material = Material()
+    lit = PlanningViews.trace(
+        volume,
+        transfer_function,
+        views.cameras,
+        views.pixels,
+        tolerance=tolerance,
+        reconstruction=reconstruction,
+        material=material,
+    )
+    errors = lit.errors(pictures_of(*found, lit, material))
+    return {"material": list(material.factors), "reached": shown_error(errors)}
 
 
 def _reason(isovalues: IsovalueSearch, meshes: MeshSearch, max_isovalues: int) -> str:

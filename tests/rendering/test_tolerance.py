@@ -15,10 +15,10 @@ from isosample.rendering.camera import Camera
 from isosample.rendering.error_map import PANELS, ErrorMap
 from isosample.rendering.expected_error import expected_error
 from isosample.rendering.mesh_search import Stop
-from isosample.rendering.pipeline import Renderer
+from isosample.rendering.pipeline import Renderer, render_surfaces
 from isosample.rendering.planning_views import PlanningViews, orbit_views
 from isosample.rendering.reference_image import render_reference
-from isosample.rendering.settings import RenderSettings, SegmentRule
+from isosample.rendering.settings import Material, RenderSettings, SegmentRule
 from isosample.rendering.shown_error import shown_error
 from isosample.rendering.tolerance import LOOSENED, SAFETY, TolerancePlan, plan_for_tolerance
 from isosample.surfaces.extract import ExtractionSettings, extract_surfaces
@@ -192,6 +192,25 @@ def test_refinement_is_used_where_the_mesh_errs() -> None:
 
 
 @pytest.mark.usefixtures("gl")
+def test_a_plan_for_light_tells_what_the_lit_pictures_err() -> None:
+    """Recomputed from the library's own pictures: float32, and the truth's thousandth of the tolerance, apart."""
+    volume, tf = nucleon(), TransferFunction.suggest(nucleon())
+    found = plan_for_tolerance(volume, tf, 1 / 64, pixels=PIXELS, lit=True)
+    told = found.report["lit"]
+    settings = RenderSettings(material=Material())
+    assert tuple(told["material"]) == Material().factors
+    errors = []
+    for camera in orbit_views(volume.box):
+        size = (PIXELS, PIXELS)
+        exact = render_reference(volume, tf, camera=camera, size=size, settings=settings).rgba
+        rgba = render_surfaces(found.surfaces, found.plan, camera=camera, size=size, settings=settings).rgba
+        errors.append(np.abs(rgba - exact).max(axis=-1).ravel())
+    expected = float(np.quantile(np.concatenate(errors), 0.999, method="higher"))
+    assert told["reached"] == pytest.approx(expected, abs=2e-3 / 64)
+    assert told["reached"] > found.reached  # light is known at crossings alone
+    assert "lit" not in plan_for_tolerance(volume, tf, 1 / 64, pixels=PIXELS).report
+
+
 def test_the_report_is_kept_with_the_plan() -> None:
     plan = found()
     stored = IsovaluePlan.from_dict(json.loads(json.dumps(plan.plan.to_dict())))
