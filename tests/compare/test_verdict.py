@@ -11,14 +11,13 @@ import pytest
 
 from compare.recomputed import recomputed_break_even, recomputed_fastest
 from isosample.compare.verdict import (
-    LEVEL,
-    NOUNS,
     TARGETS,
     Verdict,
     frames_to_break_even,
     judge,
     last_frame_ahead,
 )
+from isosample.compare.verdict_sentences import LEVEL, NOUNS
 from isosample.defaults import COMPARED_METHODS
 
 METHOD_OF = {noun: method for method, noun in NOUNS.items()}
