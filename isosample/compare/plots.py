@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from isosample.compare import svg
+from isosample.compare.verdict_sentences import least_rmse, listed
 from isosample.defaults import COMPARED_METHODS
 from isosample.rendering.image import srgb_from_linear
 from isosample.transfer.transfer_function import TransferFunction
@@ -62,6 +63,43 @@ def pareto(points: Sequence[tuple[float, float]]) -> list[int]:
     return front
 
 
+def race_of_frames(document: dict[str, Any]) -> dict[str, Any] | None:
+    """The race that `time_against_frames` shows: with most methods, at the smallest such error; None without one.
+
+    Parameters
+    ----------
+    document : dict
+        Content of results.json.
+    """
+    races = [race for race in document["verdict"]["races"] if race["fastest"]]
+    return max(races, key=lambda one: (len(one["fastest"]), -one["target"]), default=None)
+
+
+def frames_caption(document: dict[str, Any]) -> str:
+    """At which error `time_against_frames` holds methods against each other, and which it leaves out and why.
+
+    Parameters
+    ----------
+    document : dict
+        Content of results.json.
+    """
+    race = race_of_frames(document)
+    if race is None:
+        largest = max(one["target"] for one in document["verdict"]["races"])
+        return f"The time of many frames is not drawn: no method gets to an RMSE of {largest:g}."
+    entries, target = document["entries"], f"{race['target']:g}"
+    absent = [
+        f"{method} ({least_rmse(entries, method):.2g} at best)"
+        for method in dict.fromkeys(entry["method"] for entry in entries)
+        if method not in race["fastest"]
+    ]
+    told = f"Each method at its fastest setting with an RMSE of at most {target}."
+    if not absent:
+        return told
+    verb, pronoun = ("gets", "it is") if len(absent) == 1 else ("get", "they are")
+    return f"{told} Here {listed(absent)} never {verb} to {target}, so {pronoun} not drawn."
+
+
 def time_against_frames(document: dict[str, Any]) -> str:
     """SVG of the seconds that many frames take with everything before the first; empty where there is no race.
 
@@ -70,10 +108,9 @@ def time_against_frames(document: dict[str, Any]) -> str:
     document : dict
         Content of results.json.
     """
-    races = [race for race in document["verdict"]["races"] if race["fastest"]]
-    if not races:
+    race = race_of_frames(document)
+    if race is None:
         return ""
-    race = max(races, key=lambda one: (len(one["fastest"]), -one["target"]))
     by_name = {entry["name"]: entry for entry in document["entries"]}
     chosen = [by_name[race["fastest"][method]] for method in COMPARED_METHODS if method in race["fastest"]]
     counts = np.geomspace(1, MOST_FRAMES, 41).tolist()
@@ -93,9 +130,12 @@ def time_against_frames(document: dict[str, Any]) -> str:
             told = f"{entry['method']}, {entry['label']}: {n} frames in {total:.3g} s"
             body += svg.point(x.place(n), y.place(total), kind, told, ringed=False)
     body += svg.legend([(COMPARED_METHODS.index(entry["method"]), entry["method"]) for entry in chosen])
-    title = f"Time against frames at RMSE {race['target']:g}"
-    told = f"Every method at its fastest setting with an RMSE of at most {race['target']:g}."
-    return svg.drawing(body, title=title, description=told)
+    body += svg.text(x.stop, svg.TOP - 5, f"RMSE ≤ {race['target']:g}", anchor="end", css="quiet")
+    return svg.drawing(
+        body,
+        title=f"Time against frames at RMSE {race['target']:g}",
+        description=frames_caption(document),
+    )
 
 
 def histogram_plot(scene: dict[str, Any]) -> str:

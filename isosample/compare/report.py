@@ -155,6 +155,7 @@ def render_report(document: dict[str, Any], figures: dict[str, str], pictures: S
         document=document,
         title=document["scene"]["volume"]["name"],
         figures=figures,
+        frames_caption=plots.frames_caption(document),
         pictures=pictures,
         cameras=range(len(document["settings"]["cameras"])),
         left=_first_shown(pictures, document),

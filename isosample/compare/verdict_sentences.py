@@ -90,8 +90,7 @@ def _loss(method: str, entries: Sequence[Entry], races: Sequence[Race]) -> str:
         factors, places = zip(*slower, strict=True)
         parts.append(f"{listed(factors)} slower than the fastest at {listed(places)}")
     if any(method not in race.seconds for race in races):
-        least = min(entry["summary"]["rmse"] for entry in entries if entry["method"] == method)
-        parts.append(f"RMSE {least:.2g} at best")
+        parts.append(f"RMSE {least_rmse(entries, method):.2g} at best")
     return f"{NOUNS[method]} ({'; '.join(parts)})" if parts else ""
 
 
@@ -100,7 +99,8 @@ def _paid(entries: Sequence[Entry], races: Sequence[Race], found: BreakEven | No
     if DATA_CENTRIC not in methods or len(methods) < 2:
         return "There is no break-even: it takes the data-centric method and a ray caster to have one."
     if found is None:
-        return f"There is no break-even: at no RMSE down to {races[-1].target:g} do both sides arrive."
+        late = _out_of_reach(entries, races[0].target)
+        return f"There is no break-even: it takes both sides at one RMSE, and {late}."
     by_name = {entry["name"]: entry for entry in entries}
     own, rival = by_name[found.entry], by_name[found.rival]
     setups = f"{seconds(own['setup_seconds'])} of setup against {seconds(rival['setup_seconds'])}"
@@ -113,6 +113,23 @@ def _paid(entries: Sequence[Entry], races: Sequence[Race], found: BreakEven | No
     if found.frames == 1:
         return f"The data-centric method is ahead from the first frame on {sides}: {setups}."
     return f"The data-centric precomputation has paid after {found.frames} frames {sides}: {setups}."
+
+
+def _out_of_reach(entries: Sequence[Entry], target: float) -> str:
+    """Which side has no setting at the largest error, and so none at the smaller ones."""
+    own = [entry for entry in entries if entry["method"] == DATA_CENTRIC]
+    rivals = [entry for entry in entries if entry["method"] != DATA_CENTRIC]
+    bests = [
+        (noun, min(entry["summary"]["rmse"] for entry in side))
+        for noun, side in ((NOUNS[DATA_CENTRIC], own), ("the best ray caster", rivals))
+    ]
+    late = [f"{noun} ({least:.2g} at best)" for noun, least in bests if least > target]
+    return f"{listed(late)} never {'gets' if len(late) == 1 else 'get'} to {target:g}"
+
+
+def least_rmse(entries: Sequence[Entry], method: str) -> float:
+    """The smallest error of a method."""
+    return min(float(entry["summary"]["rmse"]) for entry in entries if entry["method"] == method)
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -23,6 +23,7 @@ from isosample.compare.false_color import (
     error_png,
     shown,
 )
+from isosample.compare.verdict import judge
 from isosample.defaults import COMPARED_METHODS
 from isosample.wording import fraction_text
 
@@ -71,6 +72,50 @@ def test_marks_stand_where_the_numbers_are() -> None:
     assert [tip.endswith("on the Pareto front") for tip in tips] == [True, True, False, True]
     lines = [one.get("class") for one in root if (one.get("class") or "").startswith("line")]
     assert lines == ["line s0"]  # settings of one parameter are joined; a single one has no line
+
+
+def document_of(**least: float) -> dict[str, Any]:
+    """Results of methods with one setting each, and these errors."""
+    entries = [
+        entry(name, "step", rmse, 0.1) | {"name": name, "setup_seconds": 1.0}
+        for name, rmse in ((name.replace("_", "-"), rmse) for name, rmse in least.items())
+    ]
+    return {"entries": entries, "verdict": judge(entries).to_dict()}
+
+
+def test_time_against_frames_says_at_which_error_and_whom_it_leaves_out_and_why() -> None:
+    document = document_of(
+        data_centric=0.0086, post_classified=0.12, pre_integrated=0.0004, peak_finding=0.002
+    )
+    told = (
+        "Each method at its fastest setting with an RMSE of at most 0.002. Here data-centric (0.0086 at best) and "
+        "post-classified (0.12 at best) never get to 0.002, so they are not drawn."
+    )
+    assert plots.frames_caption(document) == told
+    root = ET.fromstring(plots.time_against_frames(document))
+    assert (root.get("aria-label") or "").endswith(told)
+    words = [one.text for one in root.iter(f"{SVG}text")]
+    assert "RMSE ≤ 0.002" in words
+    assert [word for word in words if word in COMPARED_METHODS] == ["pre-integrated", "peak-finding"]
+
+
+def test_time_against_frames_leaves_out_one_method_or_none() -> None:
+    everyone = document_of(data_centric=0.0001, peak_finding=0.001)
+    told = "Each method at its fastest setting with an RMSE of at most {}."
+    assert plots.frames_caption(everyone) == told.format(0.001)
+    one_late = document_of(data_centric=0.0001, pre_integrated=0.001, post_classified=0.0051)
+    assert plots.frames_caption(one_late) == (
+        f"{told.format(0.001)} Here post-classified (0.0051 at best) never gets to 0.001, so it is not drawn."
+    )
+
+
+def test_without_a_race_there_is_no_plot_of_frames_and_the_reason_is_told() -> None:
+    document = document_of(data_centric=0.0086, pre_integrated=0.3)
+    assert plots.time_against_frames(document) == ""
+    assert (
+        plots.frames_caption(document)
+        == "The time of many frames is not drawn: no method gets to an RMSE of 0.005."
+    )
 
 
 @given(st.floats(1e-9, 1e9), st.floats(1.001, 1e6))

@@ -149,6 +149,32 @@ def test_without_two_sides_there_is_no_break_even(entries: list[dict[str, Any]])
     assert verdict.sentences[2].startswith("There is no break-even: ")
 
 
+@pytest.mark.parametrize(
+    ("own", "rival", "told"),
+    [
+        (0.0086, 0.0005, "the data-centric method (0.0086 at best) never gets to 0.005"),
+        (0.0005, 0.012, "the best ray caster (0.012 at best) never gets to 0.005"),
+        (
+            0.0086,
+            0.012,
+            "the data-centric method (0.0086 at best) and the best ray caster (0.012 at best) never get to 0.005",
+        ),
+    ],
+)
+def test_without_a_break_even_it_is_said_which_side_does_not_get_to_which_error(
+    own: float, rival: float, told: str
+) -> None:
+    entries = [
+        entry(DATA_CENTRIC, 2 * own, 0.01, 1.0),
+        entry(DATA_CENTRIC, own, 0.02, 1.0),
+        entry("post-classified", 0.5, 0.02, 0.1),
+        entry("pre-integrated", rival, 0.02, 0.1),
+    ]
+    assert (
+        judge(entries).sentences[2] == f"There is no break-even: it takes both sides at one RMSE, and {told}."
+    )
+
+
 def test_what_nobody_reaches_is_said() -> None:
     entries = [entry("post-classified", 0.003, 0.02, 0.1)]
     assert judge(entries).sentences[0].endswith("(20 ms, alone); none reaches 0.002 and 0.001.")
