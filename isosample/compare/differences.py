@@ -102,6 +102,43 @@ def percentile_error(
     return float(np.partition(worst, rank - 1)[rank - 1])
 
 
+def worst_pixels_share(
+    image: npt.ArrayLike, truth: npt.ArrayLike, percent: float, *, pixels: Pixels = Pixels.ALL
+) -> float:
+    """Share of the squared error that lies in the worst pixels.
+
+    Parameters
+    ----------
+    image, truth : (H, W, 4) array_like of float
+        Premultiplied linear RGBA.
+    percent : float
+        How many of the counted pixels are the worst, in (0, 100]; rounded up to whole pixels.
+    pixels : Pixels
+        Which pixels count.
+
+    Returns
+    -------
+    share : float
+        In [0, 1]: the squares of the components' differences, summed over the pixels where that sum is largest, over
+        the same of all pixels. 0 for equal pictures. Without these errors the RMSE would be sqrt(1 − share) of what
+        it is.
+
+    Raises
+    ------
+    InputError
+        If the pictures are not comparable, no pixel counts, or `percent` is out of its range.
+    """
+    if not 0.0 < percent <= 100.0:
+        raise InputError(f"percent is {percent:g}; expected above 0 and up to 100, such as 0.1.")
+    differences = _counted_differences(image, truth, pixels)
+    largest = float(differences.max())
+    if largest == 0.0:
+        return 0.0
+    squares = np.sort(np.square(differences / largest).sum(axis=-1))  # scaled as in `rmse`
+    rank = squares.size - math.ceil(Fraction(str(percent)) * squares.size / 100)
+    return float(squares[rank:].sum() / squares.sum())
+
+
 def psnr(image: npt.ArrayLike, truth: npt.ArrayLike, *, peak: float, pixels: Pixels = Pixels.ALL) -> float:
     """Peak signal-to-noise ratio, 20 log10(peak / rmse).
 

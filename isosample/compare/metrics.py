@@ -6,7 +6,14 @@ import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.compare.differences import max_error, percentile_error, psnr, rmse, tangent_step
+from isosample.compare.differences import (
+    max_error,
+    percentile_error,
+    psnr,
+    rmse,
+    tangent_step,
+    worst_pixels_share,
+)
 from isosample.compare.image_pair import Pixels
 from isosample.compare.perceptual import delta_e_2000, displayed_pair, flip, ssim
 from isosample.compare.wood_grain import grain_band, wood_grain_energy
@@ -18,10 +25,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ErrorSummary", "Pixels", "delta_e_2000", "flip", "grain_band", "max_error", "percentile_error", "psnr",
-    "rmse", "ssim", "summarise", "tangent_step", "wood_grain_energy",
+    "rmse", "ssim", "summarise", "tangent_step", "wood_grain_energy", "worst_pixels_share",
 ]  # fmt: skip
 
-HIGH_PERCENT = 99.9  # the summary's percentile
+HIGH_PERCENT, WORST_PERCENT = 99.9, 0.1  # of the summary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +39,8 @@ class ErrorSummary:
     ----------
     rmse, max_error, percentile_error, tangent_step : float
         [RGBA, premultiplied linear]; the percentile is the 99.9th.
+    worst_pixels_share : float
+        Share of the squared error in the worst 0.1 % of the pixels.
     psnr : float
         [dB] against `peak`; infinite for equal pictures.
     ssim, delta_e_2000 : float
@@ -50,6 +59,7 @@ class ErrorSummary:
     rmse: float
     max_error: float
     percentile_error: float
+    worst_pixels_share: float
     psnr: float
     ssim: float
     delta_e_2000: float
@@ -118,6 +128,7 @@ def summarise(
         rmse=rmse(image, truth, pixels=pixels),
         max_error=max_error(image, truth, pixels=pixels),
         percentile_error=percentile_error(image, truth, HIGH_PERCENT, pixels=pixels),
+        worst_pixels_share=worst_pixels_share(image, truth, WORST_PERCENT, pixels=pixels),
         psnr=psnr(image, truth, peak=peak, pixels=pixels),
         ssim=ssim(image, truth, background=background, pixels=pixels),
         delta_e_2000=delta_e_2000(image, truth, background=background, pixels=pixels),

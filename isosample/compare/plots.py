@@ -12,6 +12,7 @@ from isosample.compare.verdict_sentences import least_rmse, listed
 from isosample.defaults import COMPARED_METHODS
 from isosample.rendering.image import srgb_from_linear
 from isosample.transfer.transfer_function import TransferFunction
+from isosample.wording import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -165,8 +166,8 @@ def histogram_plot(scene: dict[str, Any]) -> str:
     return svg.drawing(
         body,
         title="Histogram of the volume with the transfer function",
-        description=f"{len(function.points)} points and {len(function.isosurfaces)} isosurfaces; the extinction is "
-        "the curve, filled with its colours.",
+        description=f"{counted(len(function.points), 'point')} and {counted(len(function.isosurfaces), 'isosurface')}; "
+        "the extinction is the curve, filled with its colours.",
         height=HISTOGRAM_HEIGHT,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.wording import byte_size, thousands
+from isosample.wording import byte_size, counted, thousands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,7 +87,7 @@ def _table(
 
 
 def _skipped(entries: Sequence[Document]) -> Table:
-    """What was not needed, by reason; of all cameras together."""
+    """What was not needed, by reason, of all cameras together; and what is not shown."""
     found = [_sums_of(entry) for entry in entries]
     reasons = list(dict.fromkeys(reason for sums in found for reason in sums))
     kept = [reason for reason in reasons if reason not in WHOLES and any(sums.get(reason) for sums in found)]
@@ -101,12 +101,12 @@ def _skipped(entries: Sequence[Document]) -> Table:
 
 
 def _sums_of(entry: Document) -> dict[str, float]:
-    """Counts of what was skipped and not shown, over all cameras."""
+    """Counts of what was skipped, over all cameras, and of what no camera shows."""
     sums: dict[str, float] = {}
     for view in entry["views"]:
-        for reason, count in (view["cost"]["skipped"] | view["cost"]["not_shown"]).items():
+        for reason, count in view["cost"]["skipped"].items():
             sums[reason] = sums.get(reason, 0) + count
-    return sums
+    return sums | {f"{reason} not shown": count for reason, count in entry["summary"]["not_shown"].items()}
 
 
 def _share_of_whole(sums: dict[str, float], reason: str) -> str:
@@ -128,7 +128,8 @@ def _volume_facts(scene: Document) -> list[tuple[str, str]]:
         ("values", f"{low:g} to {high:g}"),
         (
             "transfer function",
-            f"{len(transfer_function['points'])} points, {len(transfer_function.get('isosurfaces', []))} isosurfaces",
+            f"{counted(len(transfer_function['points']), 'point')}, "
+            f"{counted(len(transfer_function.get('isosurfaces', [])), 'isosurface')}",
         ),
         *((name, words) for name, words in sources.items() if words),
     ]
@@ -264,6 +265,7 @@ _ERRORS: tuple[tuple[str, str, Cell], ...] = (
     ("RMSE", "of all components", _number("rmse", ".2e")),
     ("99.9 %", "all pixels but a thousandth err less", _number("percentile_error", ".2e")),
     ("largest", "of a component", _number("max_error", ".2e")),
+    ("in 0.1 %", "of the squared error, in the worst pixels", _number("worst_pixels_share", ".0%")),
     ("PSNR [dB]", "against 1", _number("psnr", ".1f")),
     ("SSIM", "as displayed", _number("ssim", ".5f")),
     ("ΔE2000", "mean, as displayed", _number("delta_e_2000", ".4f")),

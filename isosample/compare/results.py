@@ -169,17 +169,23 @@ def summary_of(views: Sequence[dict[str, Any]]) -> dict[str, Any]:
     Returns
     -------
     summary : dict
-        ``rmse`` and ``psnr`` of all pictures together; the largest of the largest and 99.9 % errors, tangent steps,
-        samples and bytes; the means of everything else. None where one camera has None.
+        ``rmse`` and ``psnr`` of all pictures together; ``worst_pixels_share`` of the squared error of all of them that
+        lies in the worst 0.1 % of the pixels of each; ``not_shown``, the largest count by reason; the largest of the
+        largest and 99.9 % errors, tangent steps, samples and bytes; the means of everything else. None where one
+        camera has None.
     """
     merged = [view["errors"] | view["cost"] for view in views]
-    rmse = math.sqrt(math.fsum(one["rmse"] ** 2 for one in merged) / len(merged))
+    squares = [one["rmse"] ** 2 for one in merged]
+    rmse = math.sqrt(math.fsum(squares) / len(merged))
+    worst = math.fsum(one["worst_pixels_share"] * square for one, square in zip(merged, squares, strict=True))
     peak = merged[0]["peak"]
     summary: dict[str, Any] = {
         "frame_seconds": math.fsum(view["frame_seconds"] for view in views) / len(views),
         "gpu_seconds": _mean(view["gpu_seconds"] for view in views),
         "rmse": rmse,
         "psnr": 20.0 * math.log10(peak / rmse) if rmse > 0.0 else None,
+        "worst_pixels_share": worst / math.fsum(squares) if rmse > 0.0 else 0.0,
+        "not_shown": _largest(one["not_shown"] for one in merged),
     }
     for name in MEANS:
         summary[name] = _mean(one[name] for one in merged)
@@ -226,7 +232,7 @@ def write_table(document: dict[str, Any], path: Path) -> None:
 
 def _rows(entry: dict[str, Any]) -> list[dict[str, Any]]:
     common = {name: value for name, value in entry.items() if name not in ("summary", "views")}
-    rows = [common | {"camera": "all"} | entry["summary"]]
+    rows = [common | {"camera": "all"} | _flat(entry["summary"], "")]
     rows += [
         common | {"camera": number} | _flat(view, "") for number, view in enumerate(entry["views"], start=1)
     ]
@@ -245,6 +251,15 @@ def _flat(document: dict[str, Any], prefix: str) -> dict[str, Any]:
             found[prefix + name] = " ".join("" if one is None else str(one) for one in value)
         else:
             found[prefix + name] = value
+    return found
+
+
+def _largest(counts: Iterable[dict[str, int]]) -> dict[str, int]:
+    """The largest count of every reason: what views do not show is the same, not one thing more for each of them."""
+    found: dict[str, int] = {}
+    for one in counts:
+        for reason, count in one.items():
+            found[reason] = max(count, found.get(reason, 0))
     return found
 
 

@@ -84,7 +84,8 @@ class Verdict:
     break_even : BreakEven or None
         At the smallest target that both sides reach; None where there is none.
     sentences : tuple of str
-        Which method is fastest at which error; where methods lose; the break-even.
+        Which method is fastest at which error; where methods lose; the break-even; where a method does not
+        show everything, and where few pixels make its RMSE.
     """
 
     races: tuple[Race, ...]
@@ -118,7 +119,8 @@ def judge(entries: Sequence[Entry], targets: Sequence[float] = TARGETS) -> Verdi
     Parameters
     ----------
     entries : sequence of dict
-        Of results.json: ``name``, ``method``, ``setup_seconds``, and ``rmse``, ``frame_seconds`` in ``summary``.
+        Of results.json: ``name``, ``method``, ``label``, ``setup_seconds``, and ``rmse``, ``frame_seconds``,
+        ``worst_pixels_share``, ``not_shown`` in ``summary``.
     targets : sequence of float
         RMSE, any order.
 

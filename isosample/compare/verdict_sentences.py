@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from isosample.defaults import DATA_CENTRIC, PEAK_FINDING, POST_CLASSIFIED, PRE_INTEGRATED
+from isosample.wording import counted, percentage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,13 +21,16 @@ NOUNS = {
     PRE_INTEGRATED: "pre-integration",
     PEAK_FINDING: "peak finding",
 }
+FEW_PIXELS = (
+    0.5  # share of the squared error: from here on 0.1 % of the pixels have as much as all the others
+)
 LEVEL = 1.05  # times that differ by less are called level: medians of a few frames tell no more
 
 
 def sentences_of(
     entries: Sequence[Entry], races: Sequence[Race], break_even: BreakEven | None
 ) -> tuple[str, ...]:
-    """Which method is fastest at which error, where methods lose, and the break-even.
+    """Which method is fastest at which error, where methods lose, and the break-even; then what the errors hide.
 
     Parameters
     ----------
@@ -38,9 +43,10 @@ def sentences_of(
     Returns
     -------
     sentences : tuple of str
-        Three.
+        Three; one more where methods do not show everything, and one where few pixels make a method's RMSE.
     """
-    return (_fastest(races), _losses(entries, races), _paid(entries, races, break_even))
+    always = (_fastest(races), _losses(entries, races), _paid(entries, races, break_even))
+    return always + tuple(told for told in (_not_shown(entries), _few_pixels(entries, races)) if told)
 
 
 def _fastest(races: Sequence[Race]) -> str:
@@ -120,16 +126,59 @@ def _out_of_reach(entries: Sequence[Entry], target: float) -> str:
     own = [entry for entry in entries if entry["method"] == DATA_CENTRIC]
     rivals = [entry for entry in entries if entry["method"] != DATA_CENTRIC]
     bests = [
-        (noun, min(entry["summary"]["rmse"] for entry in side))
+        (noun, min(map(_rmse, side)))
         for noun, side in ((NOUNS[DATA_CENTRIC], own), ("the best ray caster", rivals))
     ]
     late = [f"{noun} ({least:.2g} at best)" for noun, least in bests if least > target]
     return f"{listed(late)} never {'gets' if len(late) == 1 else 'get'} to {target:g}"
 
 
+def _not_shown(entries: Sequence[Entry]) -> str:
+    """Which methods leave out isosurfaces; empty where none does."""
+    hidden = {entry["method"]: entry["summary"]["not_shown"].get("isosurfaces", 0) for entry in entries}
+    told = [
+        f"{NOUNS[method]} does not show {counted(count, 'isosurface')} of the transfer function, "
+        "which its samples do not meet: that is part of its error"
+        for method, count in hidden.items()
+        if count
+    ]
+    return _sentence("; ".join(told))
+
+
+def _few_pixels(entries: Sequence[Entry], races: Sequence[Race]) -> str:
+    """Whose RMSE says little about most pixels, of the settings that the other sentences are about."""
+    told = []
+    for method in dict.fromkeys(entry["method"] for entry in entries):
+        own = [entry for entry in entries if entry["method"] == method]
+        closest = min(own, key=_rmse)
+        named = {race.fastest.get(method) for race in races} | {closest["name"]}
+        made = [
+            entry
+            for entry in own
+            if entry["name"] in named and entry["summary"]["worst_pixels_share"] >= FEW_PIXELS
+        ]
+        if made:
+            one = min(made, key=_rmse)
+            share = one["summary"]["worst_pixels_share"]
+            told.append(
+                f"{NOUNS[method]} ({one['label']}: 0.1 % of the pixels have {percentage(share)} of the squared error; "
+                f"RMSE {_rmse(one):.2g}, without them {_rmse(one) * math.sqrt(1.0 - share):.2g})"
+            )
+    return f"A few pixels, such as those on outlines, make the RMSE of {listed(told)}." if told else ""
+
+
+def _sentence(words: str) -> str:
+    """With a capital and a full stop; nothing stays nothing."""
+    return f"{words[0].upper()}{words[1:]}." if words else ""
+
+
 def least_rmse(entries: Sequence[Entry], method: str) -> float:
     """The smallest error of a method."""
-    return min(float(entry["summary"]["rmse"]) for entry in entries if entry["method"] == method)
+    return min(_rmse(entry) for entry in entries if entry["method"] == method)
+
+
+def _rmse(entry: Entry) -> float:
+    return float(entry["summary"]["rmse"])
 
 
 def listed(parts: Sequence[str]) -> str:

@@ -32,7 +32,8 @@ numbers = st.integers(1, 6).map(float)  # few, so that equal ones are common
 
 
 def entry(method: str, parameter: str, rmse: float, frame: float) -> dict[str, Any]:
-    summary = {"rmse": rmse, "frame_seconds": frame, "evaluations_per_ray": 1000 * frame}
+    summary: dict[str, Any] = {"rmse": rmse, "frame_seconds": frame, "evaluations_per_ray": 1000 * frame}
+    summary |= {"worst_pixels_share": 0.0, "not_shown": {}}
     return {"method": method, "parameter": parameter, "label": "x < 1", "summary": summary}
 
 

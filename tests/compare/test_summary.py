@@ -26,6 +26,7 @@ def test_a_summary_holds_each_measure_as_computed_alone(pixels: Pixels) -> None:
     assert found.rmse == metrics.rmse(image, truth, pixels=pixels)
     assert found.max_error == metrics.max_error(image, truth, pixels=pixels)
     assert found.percentile_error == metrics.percentile_error(image, truth, 99.9, pixels=pixels)
+    assert found.worst_pixels_share == metrics.worst_pixels_share(image, truth, 0.1, pixels=pixels)
     assert found.psnr == metrics.psnr(image, truth, peak=2.0, pixels=pixels)
     assert found.ssim == metrics.ssim(image, truth, background=GREY, pixels=pixels)
     assert found.delta_e_2000 == metrics.delta_e_2000(image, truth, background=GREY, pixels=pixels)

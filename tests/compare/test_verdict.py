@@ -26,14 +26,24 @@ LEAD = r"(?:, (level|[\d.]+×) (?:with|ahead of) ([a-z -]+)|, alone)"
 FASTEST = re.compile(r"by ([a-z -]+) at (?:an RMSE of )?([\d.]+) \(([\d.]+) ms" + LEAD + r"\)")
 
 
-def entry(method: str, rmse: float, frame: float, setup: float, label: str = "step 1") -> dict[str, Any]:
+def entry(
+    method: str,
+    rmse: float,
+    frame: float,
+    setup: float,
+    label: str = "step 1",
+    *,
+    worst: float = 0.0,
+    hidden: int = 0,
+) -> dict[str, Any]:
     """What the verdict reads of an entry."""
+    told = {"worst_pixels_share": worst, "not_shown": {"isosurfaces": hidden} if hidden else {}}
     return {
         "name": f"{method}-{rmse:.9f}-{frame:.9f}",
         "method": method,
         "label": label,
         "setup_seconds": setup,
-        "summary": {"rmse": rmse, "frame_seconds": frame},
+        "summary": {"rmse": rmse, "frame_seconds": frame} | told,
     }
 
 
@@ -172,6 +182,37 @@ def test_without_a_break_even_it_is_said_which_side_does_not_get_to_which_error(
     ]
     assert (
         judge(entries).sentences[2] == f"There is no break-even: it takes both sides at one RMSE, and {told}."
+    )
+
+
+@pytest.mark.parametrize(("hidden", "told"), [(1, "1 isosurface"), (3, "3 isosurfaces")])
+def test_isosurfaces_that_a_method_does_not_show_are_told_once(hidden: int, told: str) -> None:
+    entries = [
+        entry("post-classified", 0.1, 0.02, 0.1, hidden=hidden),
+        entry("post-classified", 0.09, 0.04, 0.1, hidden=hidden),
+        entry("pre-integrated", 0.001, 0.02, 0.1),
+    ]
+    assert judge(entries).sentences[3:] == (
+        f"Post-classification does not show {told} of the transfer function, which its samples do not meet: that is "
+        "part of its error.",
+    )
+
+
+def test_an_error_that_few_pixels_make_is_told_of_the_settings_that_the_verdict_names() -> None:
+    entries = [
+        entry(DATA_CENTRIC, 0.0045, 0.01, 1.0, "1 per slope", worst=0.9),  # the fastest at 0.005
+        entry(DATA_CENTRIC, 0.0040, 0.02, 1.0, "5 per slope", worst=0.96),  # neither fastest nor closest
+        entry(DATA_CENTRIC, 0.0018, 0.025, 1.0, "9 per slope", worst=0.84),  # the fastest at 0.002
+        entry(DATA_CENTRIC, 0.0015, 0.03, 1.0, "tolerance 1/64", worst=0.49),  # the closest: below half
+        entry("peak-finding", 0.0080, 0.02, 1.0, "step 1", worst=0.5),
+        entry("peak-finding", 0.0090, 0.02, 1.0, "step 2", worst=0.99),
+        entry("pre-integrated", 0.0005, 0.02, 1.0, worst=0.3),
+    ]
+    # sqrt(1 - 0.84) 0.0018 = 0.00072, sqrt(1 - 0.5) 0.008 = 0.0057
+    assert judge(entries).sentences[3:] == (
+        "A few pixels, such as those on outlines, make the RMSE of the data-centric method (9 per slope: 0.1 % of the "
+        "pixels have 84 % of the squared error; RMSE 0.0018, without them 0.00072) and peak finding (step 1: 0.1 % of "
+        "the pixels have 50 % of the squared error; RMSE 0.008, without them 0.0057).",
     )
 
 
