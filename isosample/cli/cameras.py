@@ -29,6 +29,12 @@ def camera_of(args: argparse.Namespace) -> Camera | None:
     return Camera.load(args.camera)
 
 
+def azimuths(args: argparse.Namespace) -> list[float]:
+    """Return the angles of ``--cameras`` views, evenly around the volume from ``--azimuth`` on [degree]."""
+    count, first = args.cameras or 1, args.azimuth or 0.0
+    return [first + 360.0 * number / count for number in range(count)]
+
+
 def orbit(
     args: argparse.Namespace, box: Box, *, size: tuple[int, int] | None = None, **instead: float
 ) -> Camera:

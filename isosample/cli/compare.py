@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.cameras import camera_of, orbit
+from isosample.cli.cameras import azimuths, camera_of, orbit
 from isosample.cli.compare_arguments import QUICK_SIZE, SIZE, add_picture_options, add_sweep_options
+from isosample.cli.compare_commands import render_command
 from isosample.cli.console import progress_bars, say, say_table, seconds
 from isosample.cli.methods import RAYCAST_OPTIONS, option
 from isosample.cli.outputs import check_driver, make_folder
@@ -111,7 +113,13 @@ def run(args: argparse.Namespace) -> int:
     experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box, size))
     with progress_bars() as progress:
         outcome = run_experiment(experiment, progress)
-    document = write_report(outcome, folder, source=str(args.source), transfer_function=origin)
+    document = write_report(
+        outcome,
+        folder,
+        source=str(args.source),
+        transfer_function=origin,
+        command=partial(render_command, args, size),
+    )
     _summarise(document, folder, time.perf_counter() - start)
     return 0
 
@@ -215,9 +223,7 @@ def _fixed_camera(args: argparse.Namespace) -> Camera | None:
 
 def _around(args: argparse.Namespace, box: Box, size: tuple[int, int]) -> list[Camera]:
     """Views at equal angles, the first one where the orbit options put it."""
-    count = args.cameras or 1
-    first = args.azimuth or 0.0
-    return [orbit(args, box, size=size, azimuth=first + 360.0 * number / count) for number in range(count)]
+    return [orbit(args, box, size=size, azimuth=azimuth) for azimuth in azimuths(args)]
 
 
 def _check_modules() -> None:

@@ -258,8 +258,8 @@ def cost_of(stats: dict[str, Any], volume_bytes: int) -> dict[str, Any]:
     cost : dict
         ``evaluations_per_ray``: samples and root evaluations of the field, or fragments of the lists;
         ``samples_per_ray``, ``most_samples``, ``root_evaluations_per_ray``, ``crossings``, ``isovalues``,
-        ``fragments``, ``triangles_extracted``, ``triangles_drawn``, ``bytes`` on the GPU (volume, or meshes and
-        lists), ``skipped`` and ``not_shown`` (counts by reason).
+        ``fragments``, ``triangles_extracted``, ``triangles_drawn``, ``screen_error`` [pixel], ``bytes`` on the GPU
+        (volume, or meshes and lists), ``skipped`` and ``not_shown`` (counts by reason).
     """
     surfaces = stats["method"] == DATA_CENTRIC
     samples = stats["samples_per_ray"]
@@ -274,6 +274,7 @@ def cost_of(stats: dict[str, Any], volume_bytes: int) -> dict[str, Any]:
         "fragments": stats["fragments"] if surfaces else None,
         "triangles_extracted": stats["triangles"]["extracted"] if surfaces else None,
         "triangles_drawn": stats["triangles"]["drawn"] if surfaces else None,
+        "screen_error": stats["screen_error"] if surfaces else None,
         "bytes": stats["mesh_bytes"] + stats["pool_bytes"] if surfaces else volume_bytes,
         "skipped": dict(stats["skipped"]),
         "not_shown": dict(stats.get("not_shown", {})),

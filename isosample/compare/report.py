@@ -27,7 +27,7 @@ from isosample.errors import MissingDependencyError
 from isosample.files import replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from isosample.compare.experiment import Outcome
@@ -54,7 +54,12 @@ class Picture:
 
 
 def write_report(
-    outcome: Outcome, folder: Path, *, source: str | None = None, transfer_function: str | None = None
+    outcome: Outcome,
+    folder: Path,
+    *,
+    source: str | None = None,
+    transfer_function: str | None = None,
+    command: Callable[[Entry, int], str] | None = None,
 ) -> dict[str, Any]:
     """Write the pictures, the plots, results.csv, results.json and report.html, in this order.
 
@@ -67,6 +72,8 @@ def write_report(
         Must exist; a folder ``pictures`` is made in it.
     source, transfer_function : str, optional
         Where volume and transfer function come from.
+    command : callable, optional
+        The command line that draws the picture of an entry of results.json and a camera, counted from 0.
 
     Returns
     -------
@@ -82,6 +89,10 @@ def write_report(
     """
     document = outcome.results.to_dict()
     document["scene"] |= {"source": source, "transfer_function_source": transfer_function}
+    if command is not None:
+        for entry in document["entries"]:
+            for camera, view in enumerate(entry["views"]):
+                view["command"] = command(entry, camera)
     document["settings"]["error_scale"] = _scale_of(document).ticks
     figures = figures_of(document)
     pictures, files = _write_pictures(outcome, document, folder / "pictures")
