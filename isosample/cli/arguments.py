@@ -126,14 +126,16 @@ def add_shading_option(group: argparse.ArgumentParser | argparse._ArgumentGroup,
     group.add_argument("--shading", action="store_true", help=does)
 
 
-def add_details_option(parser: argparse.ArgumentParser) -> None:
-    """Add how many coarser meshes are made besides."""
+def add_details_option(
+    parser: argparse.ArgumentParser, *, within: str = "that `render --screen-error` allows"
+) -> None:
+    """Add how many coarser meshes are made besides; `within` says how far off those of a picture may be."""
     parser.add_argument(
         "--details",
         type=values.details,
         metavar="N",
         help="make N coarser meshes too (1 to 5: within 1/32, 1/16, … 1/2 voxel of the isosurfaces); a picture takes "
-        "the coarsest that --screen-error allows: pays for films and for meshes that are rendered often "
+        f"the coarsest {within}: pays for films and for meshes that are rendered often "
         "(default 0)",
     )
 

@@ -18,6 +18,7 @@ from isosample.cli.parser import add_command
 from isosample.defaults import (
     DATA_CENTRIC,
     DEFAULT_REPEAT,
+    DEFAULT_SCREEN_ERROR,
     RAYCAST_METHODS,
 )
 from isosample.errors import InputError, MissingDependencyError
@@ -87,7 +88,11 @@ def add_parser(commands: Commands) -> None:
     add_sweep_options(parser)
     add_picture_options(parser)
     arguments.add_reconstruction_option(parser)
-    arguments.add_details_option(parser)
+    arguments.add_details_option(
+        parser,
+        within=f"that are less than {DEFAULT_SCREEN_ERROR:g} pixel off (with --tolerances: as much of it as the "
+        "tolerance allows)",
+    )
     arguments.add_nan_option(parser)
     arguments.add_camera_options(parser)
     arguments.add_volume_options(parser)

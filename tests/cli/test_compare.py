@@ -12,6 +12,8 @@ import pytest
 
 import isosample
 from cli.harness import Run, write_json
+from isosample.cli import build_parser
+from isosample.defaults import DEFAULT_SCREEN_ERROR
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -151,6 +153,13 @@ def test_what_makes_no_sense_is_refused_before_the_long_work(run: Run, words: st
     assert (outcome.status, outcome.out) == (2, "")
     assert message in outcome.err
     assert not Path("out/results.json").exists()
+
+
+def test_help_says_how_coarse_meshes_may_be_without_an_option_that_a_comparison_lacks() -> None:
+    args = build_parser().parse_args(["compare", "blob.npy", "-o", "out"])
+    helps = {action.dest: action.help or "" for action in args.parser._actions}
+    assert f"less than {DEFAULT_SCREEN_ERROR:g} pixel off" in helps["details"]
+    assert not any("--screen-error" in text for text in helps.values())
 
 
 def test_a_mesh_cache_is_no_volume(run: Run, cache: Path) -> None:
