@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     scene = _scene(args, volume.in_memory(), tf, size)
     experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box, size))
-    with progress_bars() as progress:
+    with progress_bars(begins=True) as progress:
         outcome = run_experiment(experiment, progress)
     document = write_report(
         outcome,

@@ -93,10 +93,16 @@ def _draw_table(
 
 
 @contextlib.contextmanager
-def progress_bars() -> Iterator[Progress]:
-    """Give a callable (stage, done, total) that draws one bar per stage, or writes lines where there is no terminal."""
+def progress_bars(*, begins: bool = False) -> Iterator[Progress]:
+    """Give a callable (stage, done, total) that draws one bar per stage, or writes lines where there is no terminal.
+
+    Parameters
+    ----------
+    begins : bool
+        Without a terminal, tell the beginning of every stage too: for work that is known to be long.
+    """
     if not sys.stderr.isatty():
-        yield ProgressLines()
+        yield ProgressLines(begins=begins)
         return
     from rich.console import Console
     from rich.progress import Progress as Bars
@@ -114,9 +120,13 @@ def progress_bars() -> Iterator[Progress]:
 
 
 class ProgressLines:
-    """Progress for a log: a line per tenth of a stage, on standard error, of stages that take longer than a moment."""
+    """Progress for a log: a line per tenth of a stage, on standard error, of stages that take longer than a moment.
 
-    def __init__(self) -> None:
+    With `begins`, a line for the beginning of every stage besides, whatever it takes.
+    """
+
+    def __init__(self, *, begins: bool = False) -> None:
+        self._begins = begins
         self._told = time.monotonic()  # when something was last reported: no stage began before
         self._began: dict[str, float] = {}
         self._share: dict[str, float] = {}
@@ -128,12 +138,19 @@ class ProgressLines:
         share = done / total if total > 0 else 0.0
         if share < self._share.get(stage, math.inf):
             self._began[stage], self._tenth[stage] = self._told, 0
+            if self._begins:
+                _log(f"{stage}: begun")
         self._share[stage], self._told = share, now
         tenth, spent = math.floor(10.0 * share), now - self._began[stage]
         if tenth > self._tenth[stage] and spent >= MOMENT:
             self._tenth[stage] = tenth
-            sys.stderr.write(f"isosample: {stage}: {10 * tenth} % after {seconds(spent)}\n")
-            sys.stderr.flush()
+            _log(f"{stage}: {10 * tenth} % after {seconds(spent)}")
+
+
+def _log(line: str) -> None:
+    """Write a line of a log at once."""
+    sys.stderr.write(f"isosample: {line}\n")
+    sys.stderr.flush()
 
 
 def seconds(duration: float) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Parameter, Setting, contender, cost_of
+from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Setting, contender, cost_of
 from isosample.compare.conventions import backdrop_of, describe_conventions, describe_scene, grain_band_of
 from isosample.compare.frames import Timing, draw_once, time_frames
 from isosample.compare.machine import describe_machine
@@ -17,17 +17,16 @@ from isosample.compare.metrics import Pixels, summarise
 from isosample.compare.results import Entry, Results, View, median_of_told
 from isosample.compare.sweep import Sweep
 from isosample.compare.verdict import TARGETS
-from isosample.defaults import DATA_CENTRIC, DEFAULT_REPEAT
+from isosample.compare.warm_up import warm_up
+from isosample.defaults import DEFAULT_REPEAT
 from isosample.errors import InputError
-from isosample.rendering.camera import Camera
 from isosample.rendering.reference_image import render_reference
-from isosample.surfaces.extract import extract_surfaces
-from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
 
     from isosample.compare.contenders import Contender
+    from isosample.rendering.camera import Camera
     from isosample.rendering.image import Image
 
     F32 = npt.NDArray[np.float32]
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 
 DEFAULT_BUDGET_BYTES = 4 << 30  # of what is loaded at once, and the pictures
 PIXEL_BYTES = 16  # of a picture
-TOY_SAMPLES = 12  # along an edge of the volume that warms up compilers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +98,8 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
     ----------
     experiment : Experiment
     progress : callable, optional
-        Called with the stage ("reference", "prepare", "frames", "judge"), steps done and steps in all.
+        Called with the stage ("reference", "warm up", "prepare", "frames", "judge"), steps done and steps in all; first
+        of all when a stage begins, with none done.
 
     Returns
     -------
@@ -122,7 +121,7 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
     """
     report = progress or (lambda _stage, _done, _total: None)
     truths = list(_references(experiment, report))
-    warm_up(experiment.scene, experiment.sweep)
+    warm_up(experiment.scene, experiment.sweep, report)
     entries: dict[str, Entry] = {}
     pictures: dict[str, tuple[F32, ...]] = {}
     by_method = experiment.sweep.settings(experiment.scene.raycast.sampling)
@@ -130,6 +129,7 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
     with closing(_groups(experiment, by_method, report)) as groups:
         for group, timings in groups:
             time_frames(group, timings, experiment.cameras, experiment.repeat, report)
+            report("judge", len(entries), count)
             for one, timing in zip(group, timings, strict=True):
                 entry = _entry(one, timing, experiment, [truth.rgba for truth in truths])
                 entries[entry.name] = entry
@@ -155,50 +155,6 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
     return Outcome(results, tuple(truth.rgba for truth in truths), pictures)
 
 
-def warm_up(scene: ComparedScene, sweep: Sweep) -> None:
-    """Let every compiler run once on a small ramp: machine code of extraction and search, shaders of every method.
-
-    Then the volume itself is extracted once, which is discarded: its pages, its type's machine code and what is
-    remembered of its samples no contender pays for, and the first setting is timed as the others are.
-    """
-    low, high = scene.volume.value_range
-    if high <= low:
-        return  # the contenders tell what is wrong with such a volume
-    ramp = np.linspace(low, high, TOY_SAMPLES, dtype=np.float32)
-    toy = ComparedScene(
-        volume=Volume(np.ascontiguousarray(np.broadcast_to(ramp, (TOY_SAMPLES,) * 3))),
-        transfer_function=scene.transfer_function,
-        size=(16, 16),
-        render=scene.render,
-        raycast=scene.raycast,
-    )
-    camera = Camera.orbit(toy.volume.box, azimuth=30.0, elevation=20.0)
-    for settings in sweep.settings(scene.raycast.sampling):
-        for setting in {one.parameter: one for one in reversed(settings)}.values():  # the coarsest of each
-            one = contender(toy, setting)
-            one.prepare()
-            one.load([camera])
-            one.frame(camera)
-            one.release()
-    if DATA_CENTRIC not in sweep.methods:
-        return
-    if (
-        sweep.tolerances
-    ):  # whose searches divide edges and measure distances: x y z bends inside of cells, too
-        edge = np.arange(1, TOY_SAMPLES + 1, dtype=np.float32)
-        bent = Volume(edge[:, None, None] * edge[:, None] * edge)
-        extract_surfaces(
-            bent,
-            [bent.value_range[1] / 8.0],
-            reconstruction=scene.raycast.reconstruction,
-            refine=2,
-            residuals=True,
-        )
-    discarded = contender(scene, Setting(DATA_CENTRIC, Parameter.PER_SLOPE, 1))
-    discarded.prepare()
-    discarded.release()
-
-
 # -- parts of a run -------------------------------------------------------------------------------
 
 
@@ -206,6 +162,7 @@ def _references(experiment: Experiment, report: Progress) -> Iterator[Image]:
     """The truth of every camera."""
     scene, total = experiment.scene, len(experiment.cameras)
     pixels = scene.size[0] * scene.size[1]
+    report("reference", 0, total * pixels)
     for number, camera in enumerate(experiment.cameras):
         yield render_reference(
             scene.volume,
@@ -230,6 +187,7 @@ def _groups(
     """
     most = max(map(len, by_method))
     ranked = [settings[rank] for rank in range(most) for settings in by_method if rank < len(settings)]
+    report("prepare", 0, len(ranked))
     width, height = experiment.scene.size
     pictures = (
         PIXEL_BYTES * width * height * len(experiment.cameras) * (1 + len(ranked))

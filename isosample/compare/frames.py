@@ -81,11 +81,12 @@ def time_frames(
     repeat : int
         Timed frames per contender and camera.
     report : callable
-        Called with "frames", frames done and frames in all.
+        Called with "frames", frames done and frames in all, from 0 on.
     """
     gpu = GpuTimer(shared_context())
     total = len(group) * len(cameras) * repeat
     done = 0
+    report("frames", done, total)
     for turn in range(repeat):
         for place, camera in enumerate(cameras):
             for number in _rotated(len(group), turn):

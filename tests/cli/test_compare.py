@@ -47,6 +47,12 @@ def test_a_comparison_leaves_report_results_plots_and_pictures(run: Run) -> None
     )
 
 
+def test_a_comparison_without_a_terminal_tells_what_it_has_begun(run: Run) -> None:
+    outcome = run(f"{COMPARE} --steps 2 --per-slopes 1")
+    stages = [line.removeprefix("isosample: ") for line in outcome.err.splitlines()]
+    assert stages == [f"{stage}: begun" for stage in ("reference", "warm up", "prepare", "frames", "judge")]
+
+
 def test_options_reach_the_comparison(run: Run) -> None:
     words = "--clip 0,1,0,-4 --background 0.5,0.25,0 --reconstruction cubic --peak-weight paper --crossings secant"
     assert (

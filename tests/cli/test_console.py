@@ -79,6 +79,21 @@ def test_a_stage_that_begins_anew_is_told_anew(clock: Clock, capsys: pytest.Capt
     assert capsys.readouterr().err.splitlines() == told
 
 
+def test_work_that_is_known_to_be_long_tells_the_beginning_of_every_stage(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with console.progress_bars(begins=True) as progress:
+        progress("reference", 0, 4)
+        told = capsys.readouterr().err
+        run_stage(clock, progress, "reference", [1, 2, 3, 4], 1.0)
+        for _ in range(2):  # of the second group the frames begin anew
+            progress("frames", 0, 2)
+            run_stage(clock, progress, "frames", [1, 2], 3.0)
+    assert told == "isosample: reference: begun\n"
+    frames = ["isosample: frames: begun", "isosample: frames: 100 % after 6 s"]
+    assert capsys.readouterr().err.splitlines() == frames * 2
+
+
 def test_a_command_without_a_terminal_tells_its_progress_on_standard_error(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

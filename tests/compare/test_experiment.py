@@ -86,7 +86,7 @@ import gc
 from numba.core.dispatcher import Dispatcher
 from compare.small_comparison import blob_scene
 from isosample.compare.contenders import Parameter, Setting, contender
-from isosample.compare.experiment import warm_up
+from isosample.compare.warm_up import warm_up
 from isosample.compare.sweep import Sweep
 
 def kernels():
@@ -207,8 +207,10 @@ def test_the_table_has_every_number_of_the_file(document: dict[str, Any], tmp_pa
     assert len(rows) == len(document["entries"]) * (1 + len(CAMERAS))
     for entry in document["entries"]:
         whole = rows[entry["name"], "all"]
-        for name, value in entry["summary"].items():
-            assert whole[name] == ("" if value is None else str(value))
+        for name, value in (entry["summary"] | {"not_shown": None}).items():
+            assert whole.get(name, "") == ("" if value is None else str(value))
+        for reason, count in entry["summary"]["not_shown"].items():
+            assert int(whole[f"not_shown.{reason}"]) == count
         assert float(whole["setup_seconds"]) == entry["setup_seconds"]
         for number, view in enumerate(entry["views"], start=1):
             row = rows[entry["name"], str(number)]
