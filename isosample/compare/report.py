@@ -160,11 +160,12 @@ def render_report(document: dict[str, Any], figures: dict[str, str], pictures: S
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    scale = _scale_of(document)
-    ticks = [svg.tick_text(tick) for tick in scale.ticks]
+    scale, title = _scale_of(document), document["scene"]["volume"]["name"]
+    ticks = svg.tick_texts(scale.ticks)
     return environment.get_template("report.html.j2").render(
         document=document,
-        title=document["scene"]["volume"]["name"],
+        title=title,
+        title_parts=re.split(r"(?=\.)|(?<=[_-])", title),
         figures=figures,
         frames_caption=plots.frames_caption(document),
         pictures=pictures,

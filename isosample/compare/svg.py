@@ -127,20 +127,26 @@ def text(
 def frame(x: Axis, y: Axis, *, x_label: str, y_label: str) -> str:
     """Rules, ticks and names of two axes."""
     parts = []
-    for value in x.ticks():
+    for value, words in _labelled(x):
         place = x.place(value)
         parts.append(f'<path class="grid" d="M{place:.1f} {y.start:.1f}V{y.stop:.1f}"/>')
-        parts.append(text(place, y.start + 17, tick_text(value), css="quiet"))
-    for value in y.ticks():
+        parts.append(text(place, y.start + 17, words, css="quiet"))
+    for value, words in _labelled(y):
         place = y.place(value)
         parts.append(f'<path class="grid" d="M{x.start:.1f} {place:.1f}H{x.stop:.1f}"/>')
-        parts.append(text(x.start - 6, place + 4.5, tick_text(value), anchor="end", css="quiet"))
+        parts.append(text(x.start - 6, place + 4.5, words, anchor="end", css="quiet"))
     parts.append(
         f'<path class="frame" d="M{x.start:.1f} {y.stop:.1f}V{y.start:.1f}H{x.stop:.1f}"/>'
         + text((x.start + x.stop) / 2, y.start + 38, x_label)
         + text(13, (y.start + y.stop) / 2, y_label, turn=-90)
     )
     return "".join(parts)
+
+
+def _labelled(axis: Axis) -> list[tuple[float, str]]:
+    """Its ticks with their texts."""
+    values = axis.ticks()
+    return list(zip(values, tick_texts(values), strict=True))
 
 
 def line(points: Sequence[tuple[float, float]], css: str) -> str:
@@ -173,13 +179,30 @@ def legend(names: Sequence[tuple[int, str]]) -> str:
     return "".join(parts)
 
 
-def tick_text(value: float) -> str:
-    """A number as people write it; powers of ten far from 1 with an exponent."""
-    if value and not 0.009 <= abs(value) < 1e4:
-        mantissa, exponent = f"{value:.0e}".split("e")
-        raised = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-        return f"10{raised}" if mantissa == "1" else f"{mantissa}·10{raised}"
-    return f"{value:g}"
+def tick_texts(values: Sequence[float]) -> list[str]:
+    """The numbers of one axis, all written in one way.
+
+    Parameters
+    ----------
+    values : sequence of float
+
+    Returns
+    -------
+    texts : list of str
+        As they are if each is 0 or between 0.001 and 99 999 in size; else all of them as powers of ten.
+    """
+    plain = all(not value or 0.000_99 <= abs(value) < 1e5 for value in values)
+    return [f"{value:.6g}" if plain else _power_text(value) for value in values]
+
+
+def _power_text(value: float) -> str:
+    """A number as a multiple of a power of ten: 10⁻³, 5·10⁻⁴; 0 stays 0."""
+    if not value:
+        return "0"
+    mantissa, exponent = f"{value:.5e}".split("e")
+    raised = str(int(exponent)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    factor = f"{float(mantissa):g}"
+    return f"10{raised}" if factor == "1" else f"{factor}·10{raised}"
 
 
 def _round_ticks(low: float, high: float) -> list[float]:

@@ -128,19 +128,19 @@ def test_a_logarithmic_axis_has_ticks_within_it(low: float, ratio: float) -> Non
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
+    ("values", "words"),
     [
-        (0.0, "0"),
-        (1.0, "1"),
-        (0.01, "0.01"),
-        (0.001, "10⁻³"),
-        (0.0005, "5·10⁻⁴"),
-        (1e4, "10⁴"),
-        (5000.0, "5000"),
+        ([0.001, 0.01, 0.1], "0.001 0.01 0.1"),
+        ([0.0001, 0.01, 0.1], "10⁻⁴ 10⁻² 10⁻¹"),
+        ([1.0, 10.0, 1000.0, 10000.0], "1 10 1000 10000"),
+        ([1.0, 1000.0, 100000.0], "10⁰ 10³ 10⁵"),
+        ([0.0, 0.0005, 0.001, 0.0015], "0 5·10⁻⁴ 10⁻³ 1.5·10⁻³"),
+        ([-20.0, 0.0, 20.0], "-20 0 20"),
+        ([0.30000000000000004, 0.1], "0.3 0.1"),
     ],
 )
-def test_numbers_of_ticks(value: float, words: str) -> None:
-    assert svg.tick_text(value) == words
+def test_the_numbers_of_an_axis_are_written_in_one_way(values: list[float], words: str) -> None:
+    assert " ".join(svg.tick_texts(values)) == words
 
 
 @pytest.mark.parametrize(

@@ -223,6 +223,32 @@ def test_it_fits_the_screen_and_can_be_read(
 
 
 @needs_chromium
+def test_a_name_breaks_at_its_parts_where_it_breaks_at_all(
+    page: Page, outcome: Outcome, tmp_path: Path
+) -> None:
+    lines = """[...document.querySelectorAll('h1')].map((one) => {
+      const found = [];
+      for (const part of one.childNodes) {
+        if (part.nodeType !== Node.TEXT_NODE) continue;
+        const range = document.createRange();
+        range.selectNodeContents(part);
+        found.push([part.textContent, range.getClientRects().length]);
+      }
+      return found;
+    })[0]"""
+    name = "HeadMRVolume_registered-to-atlas.nii.gz"
+    results = outcome.results
+    renamed = results.scene | {"volume": results.scene["volume"] | {"name": name}}
+    write_report(replace(outcome, results=replace(results, scene=renamed)), tmp_path)
+    page.resize(*PHONE, touch=True)
+    page.open(tmp_path / "report.html")
+    assert page.ask(lines) == [
+        [part, 1] for part in ("HeadMRVolume_", "registered-", "to-", "atlas", ".nii", ".gz")
+    ]
+    assert page.ask("document.querySelector('h1').textContent") == name
+
+
+@needs_chromium
 def test_no_table_scrolls_sideways_on_a_page_of_1200_pixels(page: Page, report: Path) -> None:
     page.resize(1200, 900)
     page.open(report / "report.html")
