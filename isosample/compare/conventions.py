@@ -15,8 +15,11 @@ from isosample.volume.statistics import histogram
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
+
     from isosample.compare.contenders import ComparedScene
     from isosample.rendering.camera import Camera
+    from isosample.rendering.settings import RenderSettings
     from isosample.volume.grid import Volume
 
 SWEPT = (
@@ -59,6 +62,20 @@ def backdrop_of(background: Sequence[float]) -> tuple[float, float, float]:
     """Opaque linear RGB under the displayed pictures: the background over black."""
     red, green, blue, alpha = background
     return red * alpha, green * alpha, blue * alpha
+
+
+def shown_share(truth: npt.NDArray[np.float32], render: RenderSettings) -> float:
+    """Share of the pixels that show anything of the volume, in [0, 1].
+
+    Parameters
+    ----------
+    truth : (H, W, 4) float32
+        A picture of the reference, premultiplied linear RGBA.
+    render : RenderSettings
+        With which it was made: a pixel that shows nothing is its background, to the bit.
+    """
+    empty = np.array(render.background_premultiplied, dtype=np.float32)
+    return float((truth != empty).any(axis=-1).mean())
 
 
 def describe_scene(scene: ComparedScene) -> dict[str, Any]:

@@ -10,7 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.compare.contenders import SAMPLE_BYTES, ComparedScene, Setting, contender, cost_of
-from isosample.compare.conventions import backdrop_of, describe_conventions, describe_scene, grain_band_of
+from isosample.compare.conventions import (
+    backdrop_of,
+    describe_conventions,
+    describe_scene,
+    grain_band_of,
+    shown_share,
+)
 from isosample.compare.frames import Timing, draw_once, time_frames
 from isosample.compare.machine import describe_machine
 from isosample.compare.metrics import Pixels, summarise
@@ -149,6 +155,7 @@ def run_experiment(experiment: Experiment, progress: Progress | None = None) -> 
             "seconds": [truth.stats["seconds"]["render"] for truth in truths],
             "cells_visited": [truth.stats["cells_visited"] for truth in truths],
             "renderer": truths[0].stats["renderer"],
+            "shown_share": [shown_share(truth.rgba, experiment.scene.render) for truth in truths],
         },
         entries=ordered,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.wording import byte_size, counted, thousands
+from isosample.wording import byte_size, counted, percentage, thousands
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -53,7 +53,7 @@ def facts(document: Document) -> list[tuple[str, list[tuple[str, str]]]]:
     settings, machine = document["settings"], document["machine"]
     return [
         ("Volume", _volume_facts(document["scene"])),
-        ("Settings, the same for all methods", _setting_facts(settings)),
+        ("Settings, the same for all methods", _setting_facts(settings, document["reference"])),
         ("Machine", _machine_facts(machine, document["reference"])),
     ]
 
@@ -72,8 +72,20 @@ def _races(document: Document) -> Table:
         )
         rows.append((method, "", cells))
     columns = tuple((f"RMSE ≤ {race['target']:g}", "fastest setting that errs no more") for race in races)
-    return Table(
-        "Equal error", "Time of a frame [ms] and the setting that reaches the error.", columns, tuple(rows)
+    caption = f"Time of a frame [ms] and the setting that reaches the error. {_framing(document)}"
+    return Table("Equal error", caption, columns, tuple(rows))
+
+
+def _framing(document: Document) -> str:
+    """What an error over whole pictures says of the pixels that show anything."""
+    shares = document["reference"]["shown_share"]
+    share = sum(shares) / len(shares)
+    if not 0.0 < share < 1.0:
+        return "The RMSE is over whole pictures."
+    return (
+        f"The RMSE is over whole pictures, and {percentage(share)} of their pixels show anything: it depends on the "
+        f"framing. Over those pixels alone it would be {share**-0.5:.2g} times as large, but for what methods draw "
+        "elsewhere."
     )
 
 
@@ -135,7 +147,7 @@ def _volume_facts(scene: Document) -> list[tuple[str, str]]:
     ]
 
 
-def _setting_facts(settings: Document) -> list[tuple[str, str]]:
+def _setting_facts(settings: Document, reference: Document) -> list[tuple[str, str]]:
     width, height = settings["size"]
     cameras = [
         f"{camera['projection']}, eye {_vector(camera['eye'])}, target {_vector(camera['target'])}"
@@ -145,7 +157,12 @@ def _setting_facts(settings: Document) -> list[tuple[str, str]]:
     sampling = settings["sampling"] + (", adaptive" if settings["adaptive"] else "")
     return [
         ("picture", f"{width} × {height} pixels"),
-        *((f"camera {number}", words) for number, words in enumerate(cameras, start=1)),
+        *(
+            (f"camera {number}", f"{words}; {percentage(share)} of the pixels show anything")
+            for number, (words, share) in enumerate(
+                zip(cameras, reference["shown_share"], strict=True), start=1
+            )
+        ),
         (
             "timed frames",
             f"{settings['repeat']} per setting and camera, in turn, after one that is not timed",
