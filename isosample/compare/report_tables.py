@@ -259,6 +259,10 @@ def _number(name: str, pattern: str) -> Cell:
     return cell
 
 
+def _percentage(name: str) -> Cell:
+    return lambda entry: percentage(entry["summary"][name])
+
+
 def _bytes(name: str) -> Cell:
     def cell(entry: Document) -> str:
         size = entry["summary"][name]
@@ -282,7 +286,7 @@ _ERRORS: tuple[tuple[str, str, Cell], ...] = (
     ("RMSE", "of all components", _number("rmse", ".2e")),
     ("99.9 %", "all pixels but a thousandth err less", _number("percentile_error", ".2e")),
     ("largest", "of a component", _number("max_error", ".2e")),
-    ("in 0.1 %", "of the squared error, in the worst pixels", _number("worst_pixels_share", ".0%")),
+    ("in 0.1 %", "of the squared error, in the worst pixels", _percentage("worst_pixels_share")),
     ("PSNR [dB]", "against 1", _number("psnr", ".1f")),
     ("SSIM", "as displayed", _number("ssim", ".5f")),
     ("ΔE2000", "mean, as displayed", _number("delta_e_2000", ".4f")),

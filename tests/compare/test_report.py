@@ -36,6 +36,10 @@ OVERFLOWING = """[...document.querySelectorAll('main *')]
   .filter((one) => !one.closest('.scroll') && !one.closest('svg') && one.getClientRects().length
     && one.getBoundingClientRect().right > innerWidth + 0.5)
   .map((one) => one.outerHTML.slice(0, 80))"""
+CUT_OFF = """[...document.querySelectorAll('.plot text')].filter((one) => {
+  const [own, plot] = [one.getBoundingClientRect(), one.closest('svg').getBoundingClientRect()];
+  return own.left < plot.left || own.right > plot.right || own.top < plot.top || own.bottom > plot.bottom;
+}).map((one) => one.textContent)"""
 CONTRASTS = """(() => {
   const light = (text) => {
     const parts = text.match(/[\\d.]+/g).slice(0, 3).map((one) => one / 255);
@@ -212,6 +216,7 @@ def test_it_fits_the_screen_and_can_be_read(
         "[...document.querySelectorAll('.plot text')].map((one) => one.getBoundingClientRect().height)"
     )
     assert min(drawn) >= 9.0  # CSS pixels, of the box of the smallest text of a plot
+    assert page.ask(CUT_OFF) == []
     background = page.ask("getComputedStyle(document.documentElement).backgroundColor")
     assert (sum(map(int, re.findall(r"\d+", background)[:3])) < 150) == dark
     ARTIFACTS.mkdir(exist_ok=True)

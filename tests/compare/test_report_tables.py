@@ -95,7 +95,7 @@ def test_counts_and_their_nouns_agree(document: dict[str, Any]) -> None:
 
 def test_the_share_of_few_pixels_stands_beside_the_rmse(document: dict[str, Any]) -> None:
     cells = column(table(document, "Error"), "in 0.1 %")
-    told = [f"{entry['summary']['worst_pixels_share']:.0%}" for entry in document["entries"]]
+    told = [percentage(entry["summary"]["worst_pixels_share"]) for entry in document["entries"]]
     assert [cell for row in cells.values() for cell in row] == told
     for entry in document["entries"]:  # of the squares of both cameras together
         squares = [view["errors"]["rmse"] ** 2 for view in entry["views"]]
