@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from isosample.wording import byte_size, counted, percentage, thousands
+from isosample.compare.report_columns import ABSENT, COSTS, ERRORS, TIMES, milliseconds, whole_number
+from isosample.wording import byte_size, counted, percentage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     Document = dict[str, Any]
     Cell = Callable[[Document], str]
 
-ABSENT = "–"
 WHOLES = {"brick_visits_of": ("brick_visits",), "chunks_of": ("chunks_outside_view", "chunks_clipped")}
 
 
@@ -40,10 +40,10 @@ def tables(document: Document) -> list[Table]:
     return [
         _races(document),
         _table(
-            "Time", "Setup is paid once, frames again and again; medians over the frames.", _TIMES, entries
+            "Time", "Setup is paid once, frames again and again; medians over the frames.", TIMES, entries
         ),
-        _table("Error", "Against the float64 reference, over all cameras.", _ERRORS, entries),
-        _table("Cost", "Of one frame, over all cameras.", _COSTS, entries),
+        _table("Error", "Against the float64 reference, over all cameras.", ERRORS, entries),
+        _table("Cost", "Of one frame, over all cameras.", COSTS, entries),
         _skipped(entries),
     ]
 
@@ -65,7 +65,7 @@ def _races(document: Document) -> Table:
     rows = []
     for method in document["settings"]["methods"]:
         cells = tuple(
-            f"{_milliseconds(race['seconds'][method])} · {labels[race['fastest'][method]]}"
+            f"{milliseconds(race['seconds'][method])} · {labels[race['fastest'][method]]}"
             if method in race["seconds"]
             else ABSENT
             for race in races
@@ -124,8 +124,8 @@ def _sums_of(entry: Document) -> dict[str, float]:
 def _share_of_whole(sums: dict[str, float], reason: str) -> str:
     """A count, with what it is a part of where that is known."""
     whole = next((name for name, parts in WHOLES.items() if reason in parts and name in sums), None)
-    of = "" if whole is None or reason not in sums else f" of {_count(sums[whole])}"
-    return _count(sums.get(reason)) + of
+    of = "" if whole is None or reason not in sums else f" of {whole_number(sums[whole])}"
+    return whole_number(sums.get(reason)) + of
 
 
 def _volume_facts(scene: Document) -> list[tuple[str, str]]:
@@ -227,79 +227,5 @@ def _machine_facts(machine: Document, reference: Document) -> list[tuple[str, st
     ]
 
 
-# -- cells ----------------------------------------------------------------------------------------
-
-
-def _count(number: float | None) -> str:
-    return ABSENT if number is None else thousands(round(number))
-
-
 def _vector(numbers: Sequence[float]) -> str:
     return "(" + ", ".join(f"{number:.4g}" for number in numbers) + ")"
-
-
-def _milliseconds(duration: float | None) -> str:
-    if duration is None:
-        return ABSENT
-    digits = 2 if duration < 0.01 else 1 if duration < 0.1 else 0
-    return f"{1e3 * duration:.{digits}f}"
-
-
-def _seconds(name: str) -> Cell:
-    return lambda entry: f"{entry[name]:.3f}" if entry[name] else "0"
-
-
-def _number(name: str, pattern: str) -> Cell:
-    """A cell of the summary; errors in scientific notation."""
-
-    def cell(entry: Document) -> str:
-        value = entry["summary"][name]
-        return ABSENT if value is None else format(value, pattern)
-
-    return cell
-
-
-def _percentage(name: str) -> Cell:
-    return lambda entry: percentage(entry["summary"][name])
-
-
-def _bytes(name: str) -> Cell:
-    def cell(entry: Document) -> str:
-        size = entry["summary"][name]
-        return ABSENT if size is None else byte_size(round(size))
-
-    return cell
-
-
-def _whole(name: str) -> Cell:
-    return lambda entry: _count(entry["summary"][name])
-
-
-_TIMES: tuple[tuple[str, str, Cell], ...] = (
-    ("precompute [s]", "plan and extraction, once per volume and TF", _seconds("precompute_seconds")),
-    ("prepare [s]", "macrocells, or merging of meshes, once per scene", _seconds("prepare_seconds")),
-    ("load [s]", "upload, programs, and what the first frame takes longer", _seconds("load_seconds")),
-    ("frame [ms]", "wall clock, read back included", lambda e: _milliseconds(e["summary"]["frame_seconds"])),
-    ("GPU [ms]", "timer query", lambda e: _milliseconds(e["summary"]["gpu_seconds"])),
-)
-_ERRORS: tuple[tuple[str, str, Cell], ...] = (
-    ("RMSE", "of all components", _number("rmse", ".2e")),
-    ("99.9 %", "all pixels but a thousandth err less", _number("percentile_error", ".2e")),
-    ("largest", "of a component", _number("max_error", ".2e")),
-    ("in 0.1 %", "of the squared error, in the worst pixels", _percentage("worst_pixels_share")),
-    ("PSNR [dB]", "against 1", _number("psnr", ".1f")),
-    ("SSIM", "as displayed", _number("ssim", ".5f")),
-    ("ΔE2000", "mean, as displayed", _number("delta_e_2000", ".4f")),
-    ("FLIP", "mean, as displayed", _number("flip", ".5f")),
-    ("tangent step", "largest jump between neighbours beyond the truth's", _number("tangent_step", ".2e")),
-    ("wood grain", "RMS error at the frequencies of one-voxel steps", _number("wood_grain", ".2e")),
-)
-_COSTS: tuple[tuple[str, str, Cell], ...] = (
-    ("per ray", "samples and root evaluations, or fragments", _number("evaluations_per_ray", ".1f")),
-    ("most", "of one ray", _whole("most_samples")),
-    ("isovalues", "chosen", _whole("isovalues")),
-    ("triangles", "extracted", _whole("triangles_extracted")),
-    ("drawn", "triangles", _whole("triangles_drawn")),
-    ("fragments", "in the lists", _whole("fragments")),
-    ("on the GPU", "volume, or meshes and lists", _bytes("bytes")),
-)
