@@ -32,6 +32,7 @@ COMPARISONS = {
     "look and volume": "--methods data-centric,pre-integrated --steps 1 --per-slopes 2 --clip -1,0,0,1e-5 --clip "
     "0,1,0,7.25 --background 0.1,0.2,0.3,0.5 --stage compute --reconstruction cubic --spacing 0.25,0.5,2 "
     "--frame index",
+    "light": "--steps 1 --per-slopes 2 --tolerances 1/8 --shading",
     "a camera file": "--methods pre-integrated --steps 1 --camera camera.json --nan masked",
 }
 OWN = {  # options that say what is compared, or that a command spells out for every entry
