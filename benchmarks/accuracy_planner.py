@@ -12,7 +12,7 @@ from benchmarks.accuracy_methods import TRUTH_TOLERANCE, errors
 from benchmarks.accuracy_scenes import nucleon, scans, shell
 from isosample.integral.reference import integrate_rays
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering.camera import Camera
+from isosample.rendering.camera import Camera, UpAxis
 from isosample.rendering.expected_error import expected_error
 from isosample.rendering.pipeline import Renderer
 from isosample.rendering.settings import RenderSettings
@@ -51,7 +51,7 @@ class _Case:
         return {"scene": self.scene.name, "tf": self.shape, "opacity": self.opacity}
 
     def camera(self, view: tuple[float, float]) -> Camera:
-        return Camera.orbit(self.scene.volume.box, azimuth=view[0], elevation=view[1])
+        return Camera.orbit(self.scene.volume.box, azimuth=view[0], elevation=view[1], up_axis=UpAxis.Y)
 
 
 def rows(*, quick: bool) -> list[Row]:

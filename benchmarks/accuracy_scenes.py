@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from isosample.rendering.camera import Camera
+from isosample.rendering.camera import Camera, UpAxis
 from isosample.transfer.control_points import ControlPoint
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
@@ -68,7 +68,7 @@ class AccuracyScene:
     @property
     def camera(self) -> Camera:
         """Orthographic: the step between rays is the same everywhere."""
-        return Camera.orbit(self.volume.box, azimuth=31, elevation=23, zoom=1.5)
+        return Camera.orbit(self.volume.box, azimuth=31, elevation=23, zoom=1.5, up_axis=UpAxis.Y)
 
     @property
     def value_range(self) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import isosample
-from isosample import Camera, Material, Projection, RenderSettings, UpAxis
+from isosample import Camera, Material, Projection, RenderSettings
 
 TRANSFER_FUNCTIONS = Path(__file__).parent / "tf"
 
@@ -29,15 +29,15 @@ class Scene:
 SCENES = [
     Scene("nucleon", "nucleon.nhdr", {"azimuth": 20, "elevation": 20, "zoom": 1.4}),
     Scene("engine", "engine.tif", {"azimuth": 150, "elevation": -60, "zoom": 1.35}),
-    Scene("head_ct", "head_ct.nii.gz", {"azimuth": 35, "elevation": 8, "zoom": 1.5, "up_axis": UpAxis.Z}),
-    Scene("carp", "carp.nii.gz", {"azimuth": 65, "elevation": 25, "zoom": 1.3, "up_axis": UpAxis.Z}),
+    Scene("head_ct", "head_ct.nii.gz", {"azimuth": 35, "elevation": 8, "zoom": 1.5}),
+    Scene("carp", "carp.nii.gz", {"azimuth": 65, "elevation": 25, "zoom": 1.3}),
     Scene(
         "aneurism",
         "aneurism.raw.gz",
         {"azimuth": 30, "elevation": 20, "zoom": 1.5},
         {"shape": (256, 256, 256), "dtype": "uint8"},
     ),
-    Scene("vessels_mra", "vessels_mra.nii.gz", {"elevation": 90, "zoom": 1.6, "up_axis": UpAxis.Z}),
+    Scene("vessels_mra", "vessels_mra.nii.gz", {"elevation": 90, "zoom": 1.6}),
     Scene("hydrogenatom", "hydrogenatom.dat", {"azimuth": 30, "elevation": 20, "zoom": 1.5}),
 ]
 SETTINGS = RenderSettings(material=Material(), background=(0.01, 0.01, 0.015, 1.0))

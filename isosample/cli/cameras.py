@@ -49,7 +49,7 @@ def orbit(
     **instead : float
         In place of options.
     """
-    from isosample.rendering.camera import Camera, Projection, UpAxis, default_up
+    from isosample.rendering.camera import Camera, Projection, UpAxis
 
     width, height = size or args.size
     given: dict[str, Any] = {
@@ -58,6 +58,6 @@ def orbit(
     given |= instead
     if "projection" in given:
         given["projection"] = Projection(given["projection"])
-    up = given.pop("up", None)
-    given["up_axis"] = default_up(box) if up is None else UpAxis(up)
+    if "up" in given:
+        given["up_axis"] = UpAxis(given.pop("up"))
     return Camera.orbit(box, aspect=width / height, **given)

@@ -134,7 +134,7 @@ class Camera:
         zoom: float = 1.0,
         projection: Projection = Projection.ORTHOGRAPHIC,
         aspect: float = 1.0,
-        up_axis: UpAxis = UpAxis.Y,
+        up_axis: UpAxis | None = None,
     ) -> Camera:
         """Camera on a sphere about the centre of a box, such that the box's bounding sphere fits the picture.
 
@@ -143,16 +143,16 @@ class Camera:
         box : Box
             Usually `volume.box`.
         azimuth, elevation : float
-            Degrees. At 0, 0 the eye is on +z looking along −z with +y up and +x to the right; azimuth turns
-            the eye towards +x, elevation towards +y.
+            Degrees. At 0, 0 the eye is in front: with +y up on +z, looking along −z, with +x to the right; azimuth
+            turns the eye towards +x, elevation upwards.
         zoom : float
             Magnification, > 0; 1 fits the bounding sphere.
         projection : Projection
         aspect : float
             Width / height of the picture; below 1 the window grows so that the sphere still fits.
-        up_axis : UpAxis
-            With Z, at 0, 0 the eye is on −y looking along +y with +z up and +x to the right (the front of a
-            patient in LPS coordinates), and elevation turns the eye towards +z.
+        up_axis : UpAxis, optional
+            With Z, at 0, 0 the eye is on −y looking along +y with +z up and +x to the right: the front of a
+            patient in LPS coordinates. By default Z for a box in patient axes, else Y, as on the command line.
 
         Raises
         ------
@@ -170,7 +170,7 @@ class Camera:
                 "the volume's box has no extent; a picture needs at least two samples along an axis."
             )
         outward, up = _orbit_frame(math.radians(azimuth), math.radians(elevation))
-        if up_axis is UpAxis.Z:
+        if (_up_axis(box) if up_axis is None else up_axis) is UpAxis.Z:
             outward, up = (vector[[0, 2, 1]] * [1.0, -1.0, 1.0] for vector in (outward, up))
         fit = radius / min(aspect, 1.0) / zoom
         half_fov = math.radians(DEFAULT_FOV_Y_DEGREES) / 2
@@ -192,11 +192,8 @@ class Camera:
 
     @classmethod
     def default(cls, box: Box, size: tuple[int, int]) -> Camera:
-        """Camera of a picture of (width, height) pixels for which none is given: `orbit` from the front.
-
-        Where the box is in patient axes, that is the patient's front, head up.
-        """
-        return cls.orbit(box, aspect=size[0] / size[1], up_axis=default_up(box))
+        """Camera of a picture of (width, height) pixels for which none is given: `orbit` from the front."""
+        return cls.orbit(box, aspect=size[0] / size[1])
 
     def rays(self, aspect: float) -> Rays:
         """Rays of this camera for a picture of width / height = `aspect`."""
@@ -271,8 +268,8 @@ class Camera:
         return cls.from_dict(entries, source=str(path))
 
 
-def default_up(box: Box) -> UpAxis:
-    """Return the axis that points up where nothing is said about it: z in patient axes, else y."""
+def _up_axis(box: Box) -> UpAxis:
+    """Return the axis that points up where nothing is said about it."""
     return UpAxis.Z if box.patient_axes else UpAxis.Y
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.integral.reference import ReferenceTracer
-from isosample.rendering.camera import Camera
+from isosample.rendering.camera import Camera, UpAxis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 F64 = npt.NDArray[np.float64]
 
-# Azimuth and elevation of the views [degrees]: from four sides, above and below, along no axis of the grid.
+# Azimuth and elevation of the views [degrees] about y: from four sides, above and below, along no axis of the grid.
 DEFAULT_ORBIT = ((25.0, 20.0), (115.0, -35.0), (205.0, 50.0), (295.0, -5.0))
 TRUTH_SHARE = 1e-3  # the truth is known so much better than the tolerance
 
@@ -93,4 +93,4 @@ class PlanningViews:
 
 def orbit_views(box: Box) -> tuple[Camera, ...]:
     """Return the default views of a box."""
-    return tuple(Camera.orbit(box, azimuth=a, elevation=e) for a, e in DEFAULT_ORBIT)
+    return tuple(Camera.orbit(box, azimuth=a, elevation=e, up_axis=UpAxis.Y) for a, e in DEFAULT_ORBIT)

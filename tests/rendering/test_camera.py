@@ -45,11 +45,13 @@ def test_the_orbit_starts_at_the_front_and_turns_right_and_up(
 
 
 @pytest.mark.parametrize("patient", [False, True])
-def test_the_default_is_the_front_of_a_patient_head_up_and_given_orbits_stay(patient: bool) -> None:
+def test_orbits_and_the_default_start_at_the_front_of_a_patient_head_up(patient: bool) -> None:
     box = replace(BOX, patient_axes=patient)
     up = UpAxis.Z if patient else UpAxis.Y
     assert Camera.default(box, (300, 200)) == Camera.orbit(BOX, aspect=1.5, up_axis=up)
-    assert Camera.orbit(box, azimuth=20.0) == Camera.orbit(BOX, azimuth=20.0)
+    assert Camera.orbit(box, azimuth=20.0) == Camera.orbit(BOX, azimuth=20.0, up_axis=up)
+    for given in UpAxis:
+        assert Camera.orbit(box, up_axis=given) == Camera.orbit(BOX, up_axis=given)
     if patient:  # LPS: the front is -y, the left side +x, the head +z
         rays = Camera.default(box, (200, 200)).rays(1.0)
         assert np.allclose(rays.forward, (0, 1, 0))
