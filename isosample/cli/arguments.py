@@ -17,7 +17,6 @@ from isosample.defaults import (
 from isosample.surfaces.memory import DEFAULT_MEMORY
 from isosample.wording import byte_size
 
-UNSET = 0  # of an option whose None says something
 SIZE_TEXT = "{}x{}".format(*DEFAULT_SIZE)
 CACHE_VARIABLE = "ISOSAMPLE_CACHE"
 CACHE_FOLDER = "meshes_cache"
@@ -113,7 +112,6 @@ def add_quality_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--refine",
         type=values.refine,
-        default=UNSET,
         metavar="N",
         help="divide the edges of bent triangles into up to 2, 4 or 8, with the new corners on the isosurface; auto: "
         f"until the meshes are within {AUTO_DISTANCE:g} voxel of it, a cache folder keeping those that were tried "

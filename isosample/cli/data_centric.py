@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli import arguments
 from isosample.cli.cameras import orbit
 from isosample.cli.console import note, progress_bars
 from isosample.cli.methods import choice_statistics
@@ -21,7 +20,6 @@ from isosample.cli.summary import (
     summarise,
 )
 from isosample.cli.turntable import cameras_of, run_turntable
-from isosample.errors import InputError
 
 if TYPE_CHECKING:
     import argparse
@@ -44,6 +42,7 @@ MESH_OPTIONS = (
     "tolerance",
     "max_isovalues",
     "details",
+    "refine",
 )  # of a volume, not of a cache folder
 
 
@@ -192,11 +191,6 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     transfer_function = sources.load_transfer_function(args.tf)
     if sources.is_cache_folder(args.source):
         sources.refuse_volume_options(args, args.source, MESH_OPTIONS)
-        if args.refine != arguments.UNSET:
-            raise InputError(
-                f"--refine belongs to a volume file, and {args.source} is a mesh cache; its meshes are what they are. "
-                "Leave out --refine, or name the volume."
-            )
         check_driver(args.size)
         return scene_from_cache(
             args.source,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli import arguments
 from isosample.defaults import (
     CHOSEN_FROM,
     COMPARED_METHODS,
@@ -29,7 +28,7 @@ SURFACE_OPTIONS = {  # with their defaults
     "cache": None,
     "per_slope": None,
     "max_isovalues": None,
-    "refine": arguments.UNSET,
+    "refine": None,
     "plan": False,
     "details": None,
     "screen_error": None,

@@ -120,7 +120,6 @@ def quality_of(args: argparse.Namespace) -> Quality:
     InputError
         If two options contradict each other.
     """
-    from isosample.cli.arguments import UNSET
     from isosample.defaults import DEFAULT_MAX_ISOVALUES
     from isosample.rendering.quality import Quality
     from isosample.volume.reconstruction import Reconstruction
@@ -144,15 +143,12 @@ def quality_of(args: argparse.Namespace) -> Quality:
             "--tolerance is searched for with the crossings that its reconstruction asks for; leave out --curved and "
             "--no-curved."
         )
-    refine = args.refine
-    if refine == UNSET:
-        refine = 1 if args.tolerance is None else None
     return Quality(
         per_slope=args.per_slope,
         tolerance=args.tolerance,
         max_isovalues=DEFAULT_MAX_ISOVALUES if args.max_isovalues is None else args.max_isovalues,
         reconstruction=Reconstruction(args.reconstruction or "trilinear"),
-        refine=refine,
+        refine=args.refine,
         details=getattr(args, "details", None) or 0,
         lit=args.shading,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from isosample.defaults import SMALLEST_ERROR
 
@@ -66,10 +66,10 @@ def step(text: str) -> float:
     return number
 
 
-def refine(text: str) -> int | None:
-    """Return 1, 2, 4 or 8, or None for ``auto``."""
+def refine(text: str) -> int | Literal["auto"]:
+    """Return 1, 2, 4 or 8, or ``auto`` as it is."""
     if text == "auto":
-        return None
+        return "auto"
     if text not in ("1", "2", "4", "8"):
         raise argparse.ArgumentTypeError(f"{text!r} must be 1, 2, 4, 8 or auto")
     return int(text)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from isosample.defaults import (
     CHOSEN_FROM,
     DATA_CENTRIC,
-    DEFAULT_MAX_ISOVALUES,
     DEFAULT_SIZE,
     EXACT_PEAKS,
     PEAK_FINDING,
@@ -117,7 +116,7 @@ def choose_method(
     settings : RenderSettings, optional
     quality : Quality, optional
         Of the data-centric method; with a material in `settings` taken for `lit`. What refined and coarser meshes cost
-        is not measured: `refine` must be 1 (None with a tolerance), without `details`, and `max_isovalues` the default.
+        is not measured: `refine` and `max_isovalues` must be the defaults, without `details`.
     raycast : RaycastSettings, optional
         Of the ray caster: its step; `raycast_settings_for` says what else it should be. The reconstruction must be that
         of `quality`, where both are given.
@@ -244,10 +243,11 @@ def _of_one_field(
 
 def _check_measured(quality: Quality) -> None:
     """Raise `InputError` for options with which the method through isosurfaces costs what nobody has measured."""
-    refine = 1 if quality.tolerance is None else None
-    for name, measured in (("refine", refine), ("details", 0), ("max_isovalues", DEFAULT_MAX_ISOVALUES)):
-        given = getattr(quality, name)
-        if given != measured:
+    plain = Quality(tolerance=quality.tolerance)
+    for name in ("refine", "details", "max_isovalues"):
+        given, measured = getattr(quality, name), getattr(plain, name)
+        same_meshes = name == "refine" and quality.most_pieces == plain.most_pieces
+        if given != measured and not same_meshes:
             raise InputError(
                 f"{name} {given!r}: what it costs is not measured, so that no method can be chosen with it; pass "
                 f"{name}={measured!r}, or choose the method yourself."

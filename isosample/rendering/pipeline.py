@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from isosample.defaults import DATA_CENTRIC, DEFAULT_MAX_ISOVALUES, DEFAULT_SIZE
 from isosample.errors import InputError
@@ -44,7 +44,7 @@ def render(
     tolerance: float | None = None,
     max_isovalues: int = DEFAULT_MAX_ISOVALUES,
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
-    refine: int | None = None,
+    refine: int | Literal["auto"] | None = None,
     settings: RenderSettings | None = None,
     nan_masked: bool = False,
     progress: Progress | None = None,
@@ -69,9 +69,9 @@ def render(
         At most so many for a tolerance.
     reconstruction : Reconstruction
         The field between the samples: trilinear, or a smooth one.
-    refine : int, optional
+    refine : int or "auto", optional
         Into how many pieces an edge of the mesh may be divided: 1 (default), 2, 4 or 8; for a tolerance the
-        largest that may be chosen (default 8).
+        largest that may be chosen (default 8). "auto": as many as the meshes, or the tolerance, need (`Quality`).
     settings : RenderSettings, optional
         Segment rule, shading, background, clip planes. With a material the plan is one for light (`Quality.lit`); a
         tolerance is that of the picture without light.
@@ -104,7 +104,7 @@ def render(
         tolerance=tolerance,
         max_isovalues=max_isovalues,
         reconstruction=reconstruction,
-        refine=(1 if tolerance is None else None) if refine is None else refine,
+        refine=refine,
         lit=settings is not None and settings.material is not None,
     )
     _check_tolerance(quality, settings)

@@ -36,7 +36,7 @@ class PreparedSurfaces(NamedTuple):
     seconds : dict of str to float
         Of both stages.
     mesh_distance : float or None
-        With ``refine=None``: largest rms distance of a level from its isosurface [voxel].
+        With ``refine="auto"``: largest rms distance of a level from its isosurface [voxel].
     """
 
     surfaces: SurfaceSet
@@ -68,10 +68,10 @@ def prepare_surfaces(
         Leave out the cells that touch a NaN or infinite sample; otherwise such samples are an error.
     residuals : bool
         Measure the distance of the meshes from the isosurfaces, for error maps; always done for a tolerance and
-        for ``refine=None``.
+        for ``refine="auto"``.
     cache : path, optional
-        Folder whose surfaces of this volume are used again and added to; with ``refine=None`` those of every refinement
-        that is tried. A tolerance's search extracts all that it tries, and only what it finds is added.
+        Folder whose surfaces of this volume are used again and added to; with ``refine="auto"`` those of every
+        refinement that is tried. A tolerance's search extracts all that it tries, and only what it finds is added.
     plain, budget_bytes
         As for `extract_with_cache`, where there is a `cache`.
     progress : callable, optional
@@ -102,10 +102,10 @@ def prepare_surfaces(
         nan_masked=nan_masked, reconstruction=quality.reconstruction, residuals=residuals
     )
     distance = None
-    if quality.refine is None:
+    if quality.most_pieces is None:
         surfaces, distance = refined_enough(partial(extractor.surfaces, plan.isovalues), settings)
     else:
-        surfaces = extractor.surfaces(plan.isovalues, replace(settings, refine=quality.refine))
+        surfaces = extractor.surfaces(plan.isovalues, replace(settings, refine=quality.most_pieces))
     seconds = {"plan": planned - start, "extract": time.perf_counter() - planned}
     return _with_details(PreparedSurfaces(surfaces, plan, seconds, distance), quality.details, extractor)
 
@@ -177,7 +177,7 @@ def _for_tolerance(
         quality.tolerance,
         reconstruction=quality.reconstruction,
         max_isovalues=quality.max_isovalues,
-        max_refine=quality.refine or REFINEMENTS[-1],
+        max_refine=quality.most_pieces or REFINEMENTS[-1],
         nan_masked=nan_masked,
         lit=quality.lit,
         progress=extractor.progress,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from isosample.defaults import DEFAULT_MAX_ISOVALUES, DEFAULT_PER_SLOPE
 from isosample.errors import InputError
@@ -39,9 +39,10 @@ class Quality:
         At most so many isovalues for a tolerance.
     reconstruction : Reconstruction
         The field between the samples.
-    refine : int or None
-        Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8. None: as many as the meshes need to
-        come within 0.01 voxel (rms) of the isosurfaces, curved or not, or as the tolerance needs.
+    refine : int, "auto" or None
+        Into how many pieces an edge of the mesh may be divided: 1, 2, 4 or 8; with a tolerance the most that may be
+        chosen. None: 1, or as many as the tolerance needs. "auto": as many as the meshes need to come within 0.01
+        voxel (rms) of the isosurfaces, curved or not; with a tolerance as many as that needs.
     details : int
         0 to 5: so many coarser details are extracted too, for frames that are rendered again and again; see
         `surfaces.detail`.
@@ -59,7 +60,7 @@ class Quality:
     tolerance: float | None = None
     max_isovalues: int = DEFAULT_MAX_ISOVALUES
     reconstruction: Reconstruction = Reconstruction.TRILINEAR
-    refine: int | None = 1
+    refine: int | Literal["auto"] | None = None
     details: int = 0
     lit: bool = False
 
@@ -73,11 +74,18 @@ class Quality:
             raise InputError(f"tolerance {self.tolerance!r} must be above 0, for instance 1/255.")
         if self.max_isovalues < 1:
             raise InputError(f"max_isovalues {self.max_isovalues!r} must be a whole number >= 1.")
-        if self.refine is not None and self.refine not in REFINEMENTS:
+        if self.refine not in (None, "auto", *REFINEMENTS):
             raise InputError(
-                f"refine {self.refine!r} must be one of {REFINEMENTS}, or None for as much as is needed."
+                f"refine {self.refine!r} must be one of {REFINEMENTS}, or 'auto' for as much as is needed."
             )
         check_details(self.details)
+
+    @property
+    def most_pieces(self) -> int | None:
+        """What `refine` comes to: pieces of an edge, or None for as many as the meshes or the tolerance need."""
+        if self.refine is None:
+            return 1 if self.tolerance is None else None
+        return None if self.refine == "auto" else self.refine
 
 
 def plan_for(

@@ -54,7 +54,7 @@ def prepare_stored_surfaces(
         As for `prepare_surfaces`.
     lists : SurfaceLists
         Name the cache folder and the volume's content; what its chunks hold is not extracted again. With
-        ``refine=None`` every refinement that is tried is added.
+        ``refine="auto"`` every refinement that is tried is added.
     memory : int
         Bytes that the whole process may take at its peak.
     scan : BrickScan
@@ -94,10 +94,10 @@ def prepare_stored_surfaces(
         )
 
     distance = None
-    if quality.refine is None:
+    if quality.most_pieces is None:
         surfaces, distance = refined_enough(extracted, settings)
     else:
-        surfaces = extracted(replace(settings, refine=quality.refine))
+        surfaces = extracted(replace(settings, refine=quality.most_pieces))
 
     def of_one_detail(detail: int) -> StoredSurfaces:
         return extracted(replace(surfaces.settings, detail=detail)) if detail else surfaces

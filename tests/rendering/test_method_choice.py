@@ -235,16 +235,16 @@ def test_unknown_methods_are_refused(among: tuple[str, ...]) -> None:
     "quality",
     [
         Quality(refine=8),
-        Quality(refine=None),
+        Quality(refine="auto"),
         Quality(details=5),
-        Quality(tolerance=1 / 64),
-        Quality(tolerance=1 / 64, refine=None, max_isovalues=9),
+        Quality(tolerance=1 / 64, refine=1),
+        Quality(tolerance=1 / 64, max_isovalues=9),
     ],
 )
 def test_a_quality_whose_costs_are_not_measured_is_refused_by_name(quality: Quality) -> None:
-    other = Quality(tolerance=quality.tolerance, refine=1 if quality.tolerance is None else None)
+    other = Quality(tolerance=quality.tolerance)
     (name,) = (n for n in ("refine", "details", "max_isovalues") if getattr(quality, n) != getattr(other, n))
-    with pytest.raises(InputError, match=f"{name} {getattr(quality, name)}: what it costs is not measured"):
+    with pytest.raises(InputError, match=f"{name} {getattr(quality, name)!r}: what it costs is not measured"):
         choose_method(ball(9), spheres(5.0), size=SIZE, software=True, quality=quality)
 
 

@@ -63,7 +63,7 @@ def test_what_a_search_for_a_tolerance_has_extracted_goes_into_the_folder_as_it_
 ) -> None:
     volume = blobs(24)
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
-    quality = Quality(tolerance=1 / 16, refine=None, reconstruction=reconstruction)
+    quality = Quality(tolerance=1 / 16, reconstruction=reconstruction)
     with monkeypatch.context() as watched:
         watched.setattr(cached_extraction, "Field", refuse)
         found = prepare_surfaces(volume, tf, quality, cache=tmp_path / "found")
@@ -89,7 +89,7 @@ def test_automatic_refinement_extracts_nothing_that_the_folder_has(
 ) -> None:
     volume = blobs(24)
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
-    quality = Quality(per_slope=2, refine=None, reconstruction=reconstruction)
+    quality = Quality(per_slope=2, refine="auto", reconstruction=reconstruction)
     first = prepare_surfaces(volume, tf, quality, cache=tmp_path)
     alone = prepare_surfaces(volume, tf, quality)
     monkeypatch.setattr(field, "extract_brick", refuse)
@@ -106,7 +106,7 @@ def test_automatic_refinement_goes_on_where_it_was_interrupted(
 ) -> None:
     volume = blobs(24)
     tf = ramp_tf(*volume.value_range, (0.0, 0.4))
-    quality = Quality(per_slope=2, refine=None)
+    quality = Quality(per_slope=2, refine="auto")
     visited: list[int] = []
 
     def interrupted(*arguments: Any, **options: Any) -> list[BrickMesh]:
@@ -133,7 +133,7 @@ def test_automatic_refinement_goes_by_the_outlines_of_curved_triangles_too() -> 
     volume = Volume(-(x**2 + y**2 + z**2))
     tf = ramp_tf(-81.0, -25.0, (0.0, 0.4))
     found = prepare_surfaces(
-        volume, tf, Quality(per_slope=2, refine=None, reconstruction=Reconstruction.CUBIC)
+        volume, tf, Quality(per_slope=2, refine="auto", reconstruction=Reconstruction.CUBIC)
     )
     options = {**found.surfaces.settings.as_keywords(), "refine": 1}
     unrefined = [

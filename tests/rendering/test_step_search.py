@@ -176,7 +176,7 @@ def test_a_tolerance_adds_its_search_and_its_load(volume: Volume, monkeypatch: p
                 tf,
                 size=(64, 64),
                 software=True,
-                quality=Quality(tolerance=e, refine=1 if e is None else None),
+                quality=Quality(tolerance=e),
             ).estimates
         }
         for e in (None, tolerance)
