@@ -92,15 +92,14 @@ def add_plan_options(
     )
 
 
-def add_quality_options(parser: argparse.ArgumentParser) -> None:
-    """Add what decides about the meshes, and the search for isovalues."""
+def add_quality_options(parser: argparse.ArgumentParser, *, searched: str = "refinement are") -> None:
+    """Add what decides about the meshes, and the search for isovalues; `searched` says what else a tolerance means."""
     parser.add_argument(
         "--tolerance",
         type=values.tolerance,
         metavar="E",
         help="in place of --per-slope: largest error of a component, such as 1/255, for all but a thousandth of the "
-        "pixels; isovalues and refinement, or the ray caster's step in place of --step, are searched for on pictures "
-        "from four sides, without light",
+        f"pixels; isovalues and {searched} searched for on pictures from four sides, without light",
     )
     parser.add_argument(
         "--max-isovalues",

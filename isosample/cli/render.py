@@ -121,7 +121,9 @@ def add_parser(commands: Commands) -> None:
     arguments.add_plan_options(
         parser, without="the cache folder's own; for a volume, one suggested from the histogram"
     )
-    arguments.add_quality_options(parser)
+    arguments.add_quality_options(
+        parser, searched="refinement, or the ray caster's step in place of --step, are"
+    )
     arguments.add_details_option(parser)
     parser.add_argument("--plan", action="store_true", help="print the isovalues and why each is there")
     parser.add_argument(

@@ -233,6 +233,16 @@ def test_help_tells_the_defaults_of_a_comparison_and_of_the_filters() -> None:
     assert "1/16" in texts["time_step"]  # what ITK recommends
 
 
+def test_help_of_a_command_names_no_option_that_it_lacks() -> None:
+    commands = next(action for action in build_parser()._actions if action.dest == "command")
+    assert isinstance(commands.choices, dict)
+    for name, parser in commands.choices.items():
+        # What another command does may be named together with it: `render --shading`.
+        texts = [re.sub(r"`[^`]*`", "", text) for text in help_of(name).values()]
+        named = {option for text in texts for option in re.findall(r"--[a-z][a-z-]*", text)}
+        assert named <= set(parser.option_names()), name
+
+
 def test_help_tells_the_refinements_that_there_are() -> None:
     most = " or ".join(f"{edge}" for edge in REFINEMENTS[-2:])
     assert f"up to {', '.join(map(str, REFINEMENTS[1:-2]))}, {most}" in help_of("precompute")["refine"]
