@@ -1,8 +1,15 @@
-"""Numbers as people read them, in messages, tables and reports."""
+"""Numbers as people read them, in messages, tables and reports, and words that were mistyped."""
 
 from __future__ import annotations
 
+import difflib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
 BYTE_UNITS = ("KiB", "MiB", "GiB", "TiB")
+SIMILAR = 5  # words that are looked at for the one that was meant
 
 
 def thousands(number: int) -> str:
@@ -42,3 +49,26 @@ def duration(seconds: float) -> str:
     """An estimated duration with two digits, in the unit that people use for it: 0.6 s, 45 s, 4 min, 2.5 h."""
     length, unit = (1.0, "s") if seconds < 90.0 else (60.0, "min") if seconds < 5400.0 else (3600.0, "h")
     return f"{float(f'{seconds / length:.2g}'):g} {unit}"
+
+
+def probably_meant(written: str, known: Collection[str]) -> str | None:
+    """The only known word that begins so; else of similar ones that which begins alike the longest, or None."""
+    begun = [word for word in known if word.startswith(written)]
+    if len(begun) == 1:
+        return begun[0]
+    similar = difflib.get_close_matches(written, known, n=SIMILAR)  # the most similar first
+    return max(similar, key=lambda word: _letters_alike(written, word), default=None)
+
+
+def _letters_alike(one: str, other: str) -> int:
+    """How many letters two words begin with alike."""
+    longest = min(len(one), len(other))
+    return next((i for i in range(longest) if one[i] != other[i]), longest)
+
+
+def about_unknown_keys(unknown: Collection[str], known: Collection[str]) -> str:
+    """What a file with unknown keys is told: ``has the unknown key 'colour'; did you mean 'color'? Known are …``."""
+    near = [word for key in unknown if (word := probably_meant(key, known)) is not None]
+    meant = f"did you mean {', '.join(map(repr, near))}? Known are" if near else "known are"
+    keys = "the unknown key" if len(unknown) == 1 else "unknown keys"
+    return f"has {keys} {', '.join(map(repr, unknown))}; {meant} {', '.join(sorted(known))}."

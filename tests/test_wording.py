@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from isosample.wording import byte_size, counted, duration, percentage, thousands
+from isosample.wording import byte_size, counted, duration, percentage, probably_meant, thousands
 
 
 @pytest.mark.parametrize(
@@ -61,3 +61,22 @@ def test_durations_are_in_the_unit_that_people_use() -> None:
         "2.5 h",
     ]
     assert [duration(span) for span in spans] == [*written, "280 h"]
+
+
+OPTIONS = ["--shading", "--shape", "--size", "--step", "--elevation", "--table-size", "--table-dtype"]
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("--shade", "--shading"),  # five letters of it, though --shape is one letter away
+        ("--shap", "--shape"),
+        ("--sise", "--size"),
+        ("--elev", "--elevation"),
+        ("--e", "--elevation"),
+        ("--table", "--table-size"),  # both begin so: the more similar one
+        ("--wavelength", None),
+    ],
+)
+def test_the_word_that_begins_alike_was_probably_meant(written: str, meant: str | None) -> None:
+    assert probably_meant(written, OPTIONS) == meant

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from isosample.errors import InputError
+from isosample.wording import probably_meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -85,8 +85,8 @@ def parse_arguments(parser: CommandParser, arguments: Sequence[str]) -> argparse
         unknown = []
     if unknown:
         written = unknown[0].partition("=")[0]
-        near = difflib.get_close_matches(written, command.option_names(), n=1)
-        meant = f"; did you mean {near[0]}?" if near and written.startswith("-") else ""
+        near = probably_meant(written, command.option_names()) if written.startswith("-") else None
+        meant = f"; did you mean {near}?" if near else ""
         command.error(f"unexpected argument {unknown[0]!r}{meant}")
     return options
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import json
 import math
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
+from isosample.wording import about_unknown_keys
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -239,11 +241,14 @@ class Camera:
         InputError
             If an entry is missing, unknown or out of range; the message starts with `source`.
         """
-        known = {"projection", "eye", "target", "up", "height", "fov_y_degrees"}
-        if not isinstance(entries, dict) or not {"projection", "eye", "target"} <= set(entries) <= known:
+        known = {one.name for one in dataclasses.fields(cls)}
+        named = entries if isinstance(entries, dict) else {}
+        if unknown := sorted(str(key) for key in named.keys() - known):
+            raise InputError(f"{source}: the camera {about_unknown_keys(unknown, known)}")
+        if not {"projection", "eye", "target"} <= named.keys():
             raise InputError(
                 f"{source}: a camera has the entries projection, eye, target, up, and height (orthographic) "
-                f"or fov_y_degrees (perspective); got {entries!r}."
+                f"or fov_y_degrees (perspective); got {', '.join(named) or repr(entries)[:80]}."
             )
         try:
             projection = Projection(entries["projection"])

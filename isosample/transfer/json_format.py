@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from isosample.errors import InputError
 from isosample.files import replacing
 from isosample.transfer.control_points import ControlPoint, Isosurface, finite_number
 from isosample.transfer.transfer_function import TransferFunction
+from isosample.wording import about_unknown_keys
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -180,12 +180,7 @@ def _object(document: object, what: str, allowed: set[str], *, required: set[str
         raise InputError(f"{what} is {document!r:.80}; expected an object with {sorted(allowed)}.")
     unknown = sorted(str(key) for key in document.keys() - allowed)
     if unknown:
-        near = [name for key in unknown for name in difflib.get_close_matches(key, allowed, n=1)]
-        meant = f"did you mean {', '.join(map(repr, near))}? Known are" if near else "known are"
-        keys = "the unknown key" if len(unknown) == 1 else "unknown keys"
-        raise InputError(
-            f"{what} has {keys} {', '.join(map(repr, unknown))}; {meant} {', '.join(sorted(allowed))}."
-        )
+        raise InputError(f"{what} {about_unknown_keys(unknown, allowed)}")
     missing = sorted(required - document.keys())
     if missing:
         raise InputError(f"{what} lacks {missing}.")

@@ -103,6 +103,7 @@ COMMAND_LINES = {
     "unknown option": Wrong(
         f"{RENDER} --sise 9x9", ("--sise", "did you mean --size", "isosample render --help")
     ),
+    "option by another ending": Wrong(f"{RENDER} --shade", ("--shade", "did you mean --shading?")),
     "abbreviated option": Wrong(f"{RENDER} --elev 9", ("--elev", "did you mean --elevation")),
     "one word too many": Wrong(f"{RENDER} more.npy", ("more.npy",)),
     "no output": Wrong("render blob.npy", ("-o/--output",)),
