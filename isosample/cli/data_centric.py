@@ -12,6 +12,7 @@ from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
 from isosample.cli.summary import (
     check_strict,
+    is_refined,
     lit_words,
     say_if_coarse,
     say_if_empty,
@@ -111,6 +112,7 @@ def _film(
             settings=settings,
             more=scene_statistics(scene, args),
             fields=scene_fields(scene, settings.screen_error),
+            refined=is_refined(scene),
         )
     say_if_coarse(scene)
     if not say_if_empty(scene.plan, scene.transfer_function):

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 
 # Statistics that are 0 in a picture without flaws.
 FLAWS = ("band_violations", "repaired_pixels", "unrepaired_pixels", "saturated_segments")
-MANY_REPAIRED = 1.0 - SHOWN_QUANTILE  # of the pixels: more than what errors and tolerances leave out
-CURES = (
-    f"errors of {100 * SHOWN_QUANTILE:.4g} % of the pixels leave out fewer; the picture may be visibly off, as noise "
-    "makes it: refine the meshes (--refine auto; --tolerance measures the error, too), smooth the volume (isosample "
-    "filter), or let --method auto look for a method without isosurfaces"
+MANY_REPAIRED = (
+    1.0 - SHOWN_QUANTILE
+)  # of the pixels: errors and tolerances leave so many out, and fewer are not told
+FINER_MESHES = "finer meshes (--refine auto)"
+OTHER_CURES = (
+    "a smoother volume (isosample filter), or a method without isosurfaces (--method pre-integrated)"
 )
 
 
@@ -68,8 +69,8 @@ def tolerance_fields(plan: IsovaluePlan) -> dict[str, str]:
     }
 
 
-def say_flaws(stats: Mapping[str, int], pixels: int) -> None:
-    """Tell what is wrong with a picture or a film, how much of it, and what cures it where that is more than a little.
+def say_flaws(stats: Mapping[str, int], pixels: int, *, refined: bool = False) -> None:
+    """Tell what is wrong with a picture or a film where it is more than a little, how much of it, and what cures it.
 
     Parameters
     ----------
@@ -77,20 +78,18 @@ def say_flaws(stats: Mapping[str, int], pixels: int) -> None:
         With `FLAWS`; those of another method have none of them.
     pixels : int
         Of all pictures.
+    refined : bool
+        Whether the meshes are as fine as they may be, so that another cure is needed.
     """
-    if stats.get("band_violations"):
-        share = stats["repaired_pixels"] / pixels
-        told = (
-            f"{counted(stats['band_violations'], 'crossing')} on the rays of {percentage(share)} of the pixels did not "
-            "continue the course of the data; what was missing was put in between"
+    share = stats.get("repaired_pixels", 0) / pixels
+    if share > MANY_REPAIRED:
+        guessed = stats["unrepaired_pixels"]
+        by_guess = f", in {counted(guessed, 'pixel')} by a guess (--strict: an error)" if guessed else ""
+        say(
+            f"{percentage(share)} of the pixels may be visibly off, as noise makes them: crossings of isosurfaces were "
+            f"missing on their rays, and were put in{by_guess}; what helps: "
+            f"{OTHER_CURES if refined else f'{FINER_MESHES}, {OTHER_CURES}'}"
         )
-        if stats["unrepaired_pixels"]:
-            told += (
-                f", for {counted(stats['unrepaired_pixels'], 'pixel')} by a guess, as nothing tells the place "
-                "(--strict makes that an error)"
-            )
-        say(told)
-        say(CURES if share > MANY_REPAIRED else "the picture may be slightly off there")
     if stats.get("saturated_segments"):
         say(
             f"{counted(stats['saturated_segments'], 'segment')} with an opacity above 1 by the first-order formula, "
@@ -135,9 +134,17 @@ def summarise(
         fields["error"] = error_line(errors)
     say_fields(fields | {"seconds": seconds(duration)})
     say_if_coarse(scene)
-    say_flaws(stats, width * height)
+    say_flaws(stats, width * height, refined=is_refined(scene))
     if errors is not None and scene.plan.report:
         say_tolerance(errors, scene.plan)
+
+
+def is_refined(scene: PreparedScene) -> bool:
+    """Whether the meshes of a scene are as fine as there are any, or as an automatic refinement or a search ended."""
+    from isosample.surfaces.settings import REFINEMENTS
+
+    searched = scene.mesh_distance is not None or bool(scene.plan.report)
+    return searched or scene.surfaces.settings.refine == REFINEMENTS[-1]
 
 
 def say_if_coarse(scene: PreparedScene) -> None:

@@ -121,6 +121,7 @@ def run_turntable(
     more: Mapping[str, Any],
     fields: Mapping[str, str],
     settings: RenderSettings,
+    refined: bool = False,
 ) -> EmptyFrames:
     """Draw the frames, write the film, and sum up.
 
@@ -140,6 +141,8 @@ def run_turntable(
         For the summary.
     settings : RenderSettings
         Of all frames.
+    refined : bool
+        As for `say_flaws`.
 
     Returns
     -------
@@ -175,7 +178,7 @@ def run_turntable(
         film_stats["cameras"] = [camera.to_dict() for camera in cameras]
         write_json(args.stats, images[0] | flaws | {"turntable": film_stats} | dict(more))
     _summarise(args, film.paths, log, fields, images[0]["method"])
-    say_flaws(flaws, args.size[0] * args.size[1] * len(images))
+    say_flaws(flaws, args.size[0] * args.size[1] * len(images), refined=refined)
     stale = _numbered_besides(film.paths)
     if stale:
         say(f"{len(stale)} files of another film remain: {stale[0]} to {stale[-1].name}")
