@@ -14,10 +14,11 @@ from isosample.cli.summary import (
     check_strict,
     is_refined,
     lit_words,
+    note_if_empty,
     say_if_coarse,
-    say_if_empty,
     say_if_nothing_is_seen,
     scene_fields,
+    shows_something,
     summarise,
 )
 from isosample.cli.turntable import cameras_of, run_turntable
@@ -85,7 +86,7 @@ def run_data_centric(
     if args.stats:
         write_json(args.stats, statistics(image, scene, args, percentiles))
     summarise(image, scene, args.output, log.elapsed, percentiles)
-    if not say_if_empty(scene.plan, scene.transfer_function):
+    if shows_something(scene.plan):
         say_if_nothing_is_seen(image, scene.surfaces.geometry.box, place["camera"], place["settings"])
     return 0
 
@@ -115,7 +116,7 @@ def _film(
             refined=is_refined(scene),
         )
     say_if_coarse(scene)
-    if not say_if_empty(scene.plan, scene.transfer_function):
+    if shows_something(scene.plan):
         empty.say_why(scene.surfaces.geometry.box)
     return 0
 
@@ -194,7 +195,7 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     if sources.is_cache_folder(args.source):
         sources.refuse_volume_options(args, args.source, MESH_OPTIONS)
         check_driver(args.size)
-        return scene_from_cache(
+        scene = scene_from_cache(
             args.source,
             transfer_function,
             tf_path=args.tf,
@@ -202,6 +203,8 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
             nan_masked=args.nan == "masked",
             lit=args.shading,
         )
+        note_if_empty(scene.plan, scene.transfer_function)
+        return scene
     volume = sources.open_source_volume(args, args.source)
     check_driver(args.size)
     return _extract(args, volume, transfer_function)

@@ -12,6 +12,7 @@ from isosample.cli import arguments
 from isosample.cli.console import say, say_fields, say_json, say_table
 from isosample.cli.outputs import check_suffix, check_writable
 from isosample.cli.parser import add_command
+from isosample.cli.summary import note_if_empty
 from isosample.errors import InputError
 from isosample.wording import byte_size, thousands
 
@@ -167,7 +168,9 @@ def _plan(
     tf, _ = transfer_function_of(volume, given, args.tf, nan_masked=True)
     gradients = partial(gradient_at_values, volume)
     shares = shares_for_light(volume, tf) if args.shading else None
-    return tf, plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading, shares=shares)
+    plan = plan_for(tf, volume.value_range, args.per_slope, gradients, lit=args.shading, shares=shares)
+    note_if_empty(plan, tf)
+    return tf, plan
 
 
 def _written(args: argparse.Namespace) -> dict[str, str]:

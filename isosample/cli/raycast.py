@@ -15,7 +15,7 @@ from isosample.cli.methods import (
     choice_statistics,
 )
 from isosample.cli.outputs import check_driver, write_json
-from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
+from isosample.cli.summary import note_if_volume_is_empty, say_if_nothing_is_seen
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.defaults import EXACT_PEAKS, PEAK_FINDING
 from isosample.wording import thousands
@@ -55,6 +55,7 @@ def run_raycast(
     else:
         volume, tf, origin = opened.volume, opened.transfer_function, opened.tf_origin
         macrocells = opened.macrocells
+    empty_range = note_if_volume_is_empty(volume, tf, raycast.reconstruction)
     more: dict[str, Any] = {"source": str(args.source), "transfer_function": origin} | choice_statistics(args)
     fields: dict[str, str] = {}
     if args.tolerance is not None:
@@ -74,7 +75,7 @@ def run_raycast(
                 more=more,
                 fields=fields,
             )
-        if not say_if_volume_is_empty(volume, tf, raycast.reconstruction):
+        if not empty_range:
             empty.say_why(volume.box)
         return 0
     camera = camera or orbit(args, volume.box)
@@ -84,7 +85,7 @@ def run_raycast(
     if args.stats:
         write_json(args.stats, image.stats | more)
     _summarise(image, args, log.elapsed, fields)
-    if not say_if_volume_is_empty(volume, tf, raycast.reconstruction):
+    if not empty_range:
         say_if_nothing_is_seen(image, volume.box, camera, settings)
     return 0
 

@@ -8,7 +8,7 @@ from isosample.cli.cameras import orbit
 from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
-from isosample.cli.summary import say_if_nothing_is_seen, say_if_volume_is_empty
+from isosample.cli.summary import note_if_volume_is_empty, say_if_nothing_is_seen
 from isosample.cli.turntable import cameras_of, run_turntable
 from isosample.wording import thousands
 
@@ -34,6 +34,7 @@ def run_reference(
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
     reconstruction = Reconstruction(args.reconstruction or "trilinear")
+    empty_range = note_if_volume_is_empty(volume, tf, reconstruction)
     renderer = ReferenceRenderer(
         volume, tf, reconstruction=reconstruction, nan_masked=masked, material=settings.material
     )
@@ -49,7 +50,7 @@ def run_reference(
             more={"source": str(args.source), "transfer_function": origin},
             fields={},
         )
-        if not say_if_volume_is_empty(volume, tf, reconstruction):
+        if not empty_range:
             empty.say_why(volume.box)
         return 0
     camera = camera or orbit(args, volume.box)
@@ -66,6 +67,6 @@ def run_reference(
             "seconds": seconds(log.elapsed),
         }
     )
-    if not say_if_volume_is_empty(volume, tf, reconstruction):
+    if not empty_range:
         say_if_nothing_is_seen(image, volume.box, camera, settings)
     return 0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import sources
+from isosample.cli.summary import note_if_volume_is_empty
 
 if TYPE_CHECKING:
     import argparse
@@ -59,7 +60,7 @@ def scene_from_volume(
     progress: Progress,
     **kept: Any,
 ) -> PreparedScene:
-    """Plan and extract the surfaces that a picture of a volume needs.
+    """Plan and extract the surfaces that a picture of a volume needs; tell before where it will show nothing.
 
     Parameters
     ----------
@@ -77,6 +78,7 @@ def scene_from_volume(
 
     masked = args.nan == "masked"
     tf, origin = sources.transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    note_if_volume_is_empty(volume, tf, quality.reconstruction)
     surfaces, plan, seconds, distance = prepare_surfaces(
         volume, tf, quality, nan_masked=masked, residuals=residuals, cache=cache, progress=progress, **kept
     )

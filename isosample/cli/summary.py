@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.console import say, say_fields, seconds
+from isosample.cli.console import note, say, say_fields, seconds
 from isosample.defaults import AUTO_DISTANCE, DEFAULT_MAX_TRIANGLES, SHOWN_QUANTILE
 from isosample.errors import UnrepairedError
 from isosample.wording import counted, percentage, thousands
@@ -175,40 +175,40 @@ def _triangles(stats: dict[str, Any]) -> str:
     return f"{drawn} ({thousands(coarser)} of {thousands(pieces)} pieces coarser)" if coarser else drawn
 
 
-def say_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> bool:
-    """Tell why pictures are empty, with both ranges: the transfer function may be in other units than the volume.
+def note_if_empty(plan: IsovaluePlan, transfer_function: TransferFunction) -> bool:
+    """Tell why pictures will be empty, with both ranges: the transfer function may be in other units than the volume.
 
     Returns
     -------
     told : bool
         Whether the transfer function shows nothing of the volume's range.
     """
-    if _shows_something(plan):
+    if shows_something(plan):
         return False
     slopes = [slope for slope in transfer_function.slopes() if slope.visible]
     visible = [point.value for slope in slopes for point in (slope.low, slope.high)]
     visible += [one.value for one in transfer_function.isosurfaces]
     where = f"its visible part is {min(visible):g} to {max(visible):g}" if visible else "it has none at all"
     low, high = plan.value_range
-    say(
+    note(
         "nothing is visible: the transfer function has no extinction inside the volume's range, "
         f"{low:g} to {high:g}; {where}"
     )
     return True
 
 
-def say_if_volume_is_empty(
+def note_if_volume_is_empty(
     volume: Volume, transfer_function: TransferFunction, reconstruction: Reconstruction
 ) -> bool:
-    """Tell the same of pictures of a volume that are made without a plan; return whether that was so."""
+    """Tell the same of pictures of a volume for which there is no plan yet; return whether that was so."""
     from isosample.rendering.quality import Quality, plan_for
     from isosample.transfer.isovalues import plan_isovalues
 
     of_samples = plan_isovalues(transfer_function, volume.value_range, per_slope=1)
-    if reconstruction.interpolates and _shows_something(of_samples):
+    if reconstruction.interpolates and shows_something(of_samples):
         return False  # what the samples reach, a field through them reaches too: no spline needs to be built
     quality = Quality(per_slope=1, reconstruction=reconstruction)
-    return say_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
+    return note_if_empty(plan_for(volume, transfer_function, quality), transfer_function)
 
 
 def say_if_nothing_is_seen(image: Image, box: Box, camera: Camera, settings: RenderSettings) -> None:
@@ -220,7 +220,8 @@ def say_if_nothing_is_seen(image: Image, box: Box, camera: Camera, settings: Ren
         say(why_empty(box, camera, (width, height), settings))
 
 
-def _shows_something(plan: IsovaluePlan) -> bool:
+def shows_something(plan: IsovaluePlan) -> bool:
+    """Whether anything of the volume's range is visible."""
     return bool(len(plan.isovalues) or plan.band_visible.any())
 
 

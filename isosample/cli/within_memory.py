@@ -10,6 +10,7 @@ from isosample.cli.console import progress_bars
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.scenes import PreparedScene
 from isosample.cli.sources import quality_of, transfer_function_of
+from isosample.cli.summary import note_if_volume_is_empty
 
 if TYPE_CHECKING:
     import argparse
@@ -48,6 +49,7 @@ def precompute_within(
         scan.tell(volume)
         remember(volume, scan, folder)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+        note_if_volume_is_empty(volume, tf, quality.reconstruction)
         surfaces, plan, durations, distance = prepare_stored_surfaces(
             volume,
             tf,

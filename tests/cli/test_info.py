@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from cli.harness import TF, Run, blob, content
+from cli.harness import TF, Run, blob, content, write_json
 from isosample.transfer.isovalues import plan_isovalues
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.grid import Volume
@@ -140,6 +140,17 @@ def test_the_plan_is_that_of_the_library(run: Run, option: str, per_slope: int) 
     assert left_out.startswith("left out: ")
     found = json.loads(run(f"info blob.npy --tf tf.json --plan --json {option}").out)["plan"]
     assert found == expected.to_dict()
+
+
+@pytest.mark.parametrize("option", ["--plan", "--plan --json", "--histogram out.png"])
+def test_a_transfer_function_beyond_the_range_is_told(run: Run, option: str) -> None:
+    ends = [{"value": value, "color": [1, 1, 1], "extinction": 1} for value in (200, 300)]
+    write_json(Path("beyond.json"), {"points": ends})
+    outcome = run(f"info blob.npy --tf beyond.json {option}")
+    assert outcome.status == 0
+    assert "nothing is visible" in outcome.err
+    assert "its visible part is 200 to 300" in outcome.err
+    assert run(f"info blob.npy --tf tf.json {option}").err == ""
 
 
 def test_a_plan_without_a_transfer_function_says_that_one_is_suggested(run: Run) -> None:

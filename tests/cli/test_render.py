@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -14,10 +15,13 @@ from cli.harness import Run, blob, write_json
 from cli.rendered import EXTINCTION, RENDER, ROUNDING, opacity_after, pixels, write_slab
 from isosample.cli.methods import METHODS
 from isosample.cli.summary import say_flaws
+from isosample.errors import InputError
 from isosample.rendering.reference_image import render_reference
 from isosample.wording import percentage, thousands
 
 pytestmark = pytest.mark.usefixtures("gl")
+
+BEYOND = {"points": [{"value": value, "color": [1, 1, 1], "extinction": 1} for value in (200, 300)]}
 
 
 def test_a_png_is_the_picture_in_srgb(run: Run) -> None:
@@ -156,11 +160,42 @@ def test_without_a_transfer_function_one_is_suggested_and_said(run: Run) -> None
     np.testing.assert_array_equal(pixels(), expected)
 
 
+@pytest.mark.parametrize(
+    ("command", "work"),
+    [
+        ("render blob.npy -o out.npy", "preparation.prepare_surfaces"),
+        ("precompute blob.npy --cache meshes", "preparation.prepare_surfaces"),
+        ("precompute blob.npy --memory 1GiB --cache meshes", "stored_preparation.prepare_stored_surfaces"),
+        ("render blob.npy --method pre-integrated -o out.npy", "raycaster.RayCaster"),
+        ("render blob.npy --method reference -o out.npy", "reference_image.ReferenceRenderer"),
+    ],
+)
+def test_that_nothing_is_visible_is_told_before_the_work(
+    run: Run, monkeypatch: pytest.MonkeyPatch, command: str, work: str
+) -> None:
+    def fail(*_: object, **__: object) -> NoReturn:
+        raise InputError("the work begins.")
+
+    write_json(Path("beyond.json"), BEYOND)
+    monkeypatch.setattr(f"isosample.rendering.{work}", fail)
+    first, last = run(f"{command} --tf beyond.json").err.splitlines()
+    assert first.startswith("isosample: note: nothing is visible")
+    assert last == "isosample: error: the work begins."
+
+
+def test_a_cache_seen_by_a_transfer_function_beyond_its_range_says_so(run: Run) -> None:
+    write_json(Path("beyond.json"), BEYOND)
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    outcome = run("render meshes --tf beyond.json --size 16x16 -o out.npy")
+    assert outcome.status == 0
+    assert "its visible part is 200 to 300" in outcome.err
+    assert not pixels().any()
+
+
 @pytest.mark.parametrize("film", ["", "--turntable 2"])
 @pytest.mark.parametrize("method", [*METHODS, "auto"])
 def test_a_picture_of_nothing_is_empty_and_says_so(run: Run, method: str, film: str) -> None:
-    ends = [{"value": value, "color": [1, 1, 1], "extinction": 1} for value in (200, 300)]
-    write_json(Path("beyond.json"), {"points": ends})
+    write_json(Path("beyond.json"), BEYOND)
     outcome = run(f"render blob.npy --tf beyond.json --method {method} --size 16x16 {film} -o out.npy")
     assert outcome.status == 0
     low, high = float(blob().min()), float(blob().max())
@@ -168,7 +203,8 @@ def test_a_picture_of_nothing_is_empty_and_says_so(run: Run, method: str, film: 
         f"nothing is visible: the transfer function has no extinction inside the volume's range, {low:g} to {high:g}; "
         "its visible part is 200 to 300"
     )
-    assert outcome.out.splitlines().count(told) == 1
+    assert outcome.err.splitlines() == [f"isosample: note: {told}"]
+    assert "the picture is empty" not in outcome.out
     for name in ["out-000.npy", "out-001.npy"] if film else ["out.npy"]:
         assert not np.load(name).any()
 
@@ -213,9 +249,9 @@ def test_what_only_a_spline_reaches_is_not_called_nothing(run: Run) -> None:
     ends = [{"value": value, "color": [1, 1, 1], "extinction": 9} for value in (1.05, 1.2)]
     write_json(Path("top.json"), {"points": ends})
     ridge = "render ridge.npy --tf top.json --size 16x16 --method pre-integrated -o out.npy"
-    assert "nothing is visible" in run(ridge).out
+    assert "nothing is visible" in run(ridge).err
     outcome = run(f"{ridge} --reconstruction cubic")
-    assert "nothing is visible" not in outcome.out
+    assert outcome.err == ""
     assert pixels()[..., 3].max() > 0.1
 
 

@@ -98,12 +98,12 @@ def test_scans_in_patient_axes_are_seen_from_the_front_head_up(run: Run, method:
 def test_an_orbit_in_python_is_the_view_of_the_same_options(run: Run) -> None:
     pytest.importorskip("SimpleITK")
     write_turned()
-    assert run("render turned.mha --tf tf.json --size 24x24 --azimuth 30 --elevation 20 -o out.npy").status == 0
+    assert (
+        run("render turned.mha --tf tf.json --size 24x24 --azimuth 30 --elevation 20 -o out.npy").status == 0
+    )
     volume = isosample.open_volume("turned.mha")
     camera = isosample.Camera.orbit(volume.box, azimuth=30, elevation=20)  # as the README does it
-    image = isosample.render(
-        volume, isosample.TransferFunction.load("tf.json"), camera=camera, size=(24, 24)
-    )
+    image = isosample.render(volume, isosample.TransferFunction.load("tf.json"), camera=camera, size=(24, 24))
     np.testing.assert_array_equal(image.rgba, pixels())
 
 
