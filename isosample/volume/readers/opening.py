@@ -101,8 +101,7 @@ def open_volume(
 def _read(path: Path, options: ReadOptions) -> Volume:
     """Read by the format's own reader."""
     is_described = options.shape is not None or options.dtype is not None
-    if not path.exists():
-        raise InputError(f"{path} does not exist. Check the path.")
+    _check_is_there(path)
     if path.is_dir() and zarr.is_zarr(path):
         _refuse_description(path, "Zarr", is_described=is_described)
         return zarr.read_zarr(path, options)
@@ -119,6 +118,18 @@ def _read(path: Path, options: ReadOptions) -> Volume:
     if found is not Format.RAW:
         _refuse_description(path, found.value, is_described=is_described)
     return READERS[found](path, options)
+
+
+def _check_is_there(path: Path) -> None:
+    """Raise unless a path is a file or a folder: readers go back and forth in what they read."""
+    if path.is_file() or path.is_dir():
+        return
+    streamed = "standard input" if str(path) == "-" else "a pipe or a device" if path.exists() else None
+    if streamed is not None:
+        raise InputError(
+            f"{path} is {streamed}, from which no volume can be read. Save it to a file, and name that."
+        )
+    raise InputError(f"{path} does not exist. Check the path.")
 
 
 def _has_datasets(path: Path) -> bool:

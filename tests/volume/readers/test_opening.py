@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from isosample.errors import InputError, MissingDependencyError
 from isosample.volume.readers import open_volume
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SAMPLES = np.arange(24, dtype=np.float32).reshape(2, 3, 4)
 
@@ -136,3 +135,19 @@ def test_every_refusal_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         open_volume(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_volume_cannot_be_read_from_a_pipe(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.nrrd"
+    os.mkfifo(pipe)
+    for path, what in ((pipe, "a pipe or a device"), (Path("-"), "standard input")):
+        with pytest.raises(
+            InputError, match=f"is {what}, from which no volume can be read. Save it to a file"
+        ):
+            open_volume(path)
+
+
+def test_a_file_called_like_standard_input_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.arange(27, dtype=np.uint8).tofile("-")
+    assert open_volume("-", shape=(3, 3, 3), dtype="uint8").value_range == (0.0, 26.0)
