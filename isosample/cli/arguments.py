@@ -223,7 +223,7 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
         does="light the volume from the eye (default: colours as they are); slopes of constant extinction and colour "
         "then get isovalues too. --tolerance searches without light, and tells the error of the lit pictures",
     )
-    add_look_options(group, displayed="")
+    add_look_options(group, displayed="; .mp4 and .gif show that over black")
 
 
 def add_look_options(group: argparse._ArgumentGroup, *, displayed: str) -> None:
