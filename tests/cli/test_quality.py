@@ -37,7 +37,13 @@ def test_a_tolerance_is_searched_for_and_told(run: Run) -> None:
     assert report["missed"] is None
     assert report["reached"] <= 1 / 16
     assert len(report["views"]) == 4
-    assert "|cubic - linear| below" in outcome.out
+    assert "(|cubic - linear|)" in outcome.fields()["error"]
+
+
+@pytest.mark.parametrize(("indicator", "mesh"), [(0.5, 0.02), (0.02, 0.5)])
+def test_the_larger_estimate_of_an_error_map_is_told_first(indicator: float, mesh: float) -> None:
+    told = summary.error_line({"indicator": indicator, "mesh": mesh, "interval": 0.9})
+    assert told.startswith("probably below 0.5 for 99.9 % of the pixels")
 
 
 def test_a_tolerance_that_few_isovalues_cannot_reach_is_reported_as_missed(run: Run) -> None:
@@ -91,7 +97,7 @@ def test_an_error_map_is_drawn_in_false_colours(run: Run) -> None:
     pytest.importorskip("matplotlib")
     outcome = run(f"{RENDER} --error-map errors.png --stats stats.json -o out.png")
     assert outcome.status == 0
-    for part in ("not measured", "estimates", "mesh about", "bound", "not tight"):
+    for part in ("probably below", "of two estimates", "of the meshes", "none of them measured", "not tight"):
         assert part in outcome.fields()["error"]
     picture = np.asarray(PIL.Image.open("errors.png").convert("RGB")).reshape(-1, 3)
     assert len(np.unique(picture, axis=0)) > 200  # a scale of colours, not one
