@@ -58,7 +58,7 @@ def plot_histogram(
     axes.set_xlim(*_limits(edges))
     axes.set_xlabel("value")
     axes.set_ylabel("samples")
-    axes.set_title(volume.name)
+    axes.set_title(volume.name, loc="left")
     top_axes = axes if tf is None else _draw_transfer_function(axes, tf)
     if plan is not None and len(plan.isovalues):
         _draw_isovalues(top_axes, plan)
@@ -82,7 +82,10 @@ def _draw_isovalues(axes: Any, plan: IsovaluePlan) -> None:
     axes.plot(
         plan.isovalues, np.full(count, 0.02), "|", color=TICKS, transform=edge, label=f"{count} isovalues"
     )
-    axes.legend(loc="upper right", framealpha=0.9)
+    # Beside the title: wherever it is inside, there may be a bar or the curve.
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, handlelength=1.0, frameon=False
+    )
 
 
 def _draw_transfer_function(axes: Any, tf: TransferFunction) -> Any:

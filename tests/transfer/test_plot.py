@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -62,3 +62,25 @@ def test_without_matplotlib_the_extra_is_named(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
     with pytest.raises(MissingDependencyError, match=r"isosample\[plot\]"):
         plot_histogram(volume(), path=tmp_path / "h.png")
+
+
+def test_the_legend_covers_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = []
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    save = Figure.savefig
+
+    def watched(figure: Figure, *args: Any, **options: Any) -> None:
+        figures.append(figure)
+        save(figure, *args, **options)
+
+    monkeypatch.setattr(Figure, "savefig", watched)
+    tf = TFS["a step"]
+    assert tf is not None
+    plot_histogram(volume(), tf, path=tmp_path / "h.png", plan=plan_isovalues(tf, volume().value_range))
+    (figure,) = figures
+    (legend,) = (found for axes in figure.axes if (found := axes.get_legend()) is not None)
+    assert legend.get_window_extent().y0 >= max(axes.get_window_extent().y1 for axes in figure.axes)
+    assert figure.bbox.x1 >= legend.get_window_extent().x1
+    assert figure.bbox.y1 >= legend.get_window_extent().y1
