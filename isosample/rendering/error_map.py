@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,7 +170,9 @@ def error_map(
     )
     reach = abuffer.reach(camera, size, settings)
     maps = np.zeros((3, height * width), dtype=np.float32)
-    done = 0
+    done, of = 0, width * height
+    if progress is not None:
+        progress(done, of)
     for part in abuffer.fragment_list_parts(camera, size, in_parts):
         lines = (origins[part.covered], directions[part.covered])
         errors = judge_lists(
@@ -178,13 +181,17 @@ def error_map(
             reach=reach,
             visible=visible_parts(*lines, settings.clip_planes),
             least_slope=least_sheet_slope(surfaces.value_range, surfaces.geometry.box),
+            progress=None if progress is None else partial(_after, progress, done, of),
         )
         half_width = 0.5 * (errors.interval[:, 1] - errors.interval[:, 0]).max(axis=-1)
         maps[:, part.covered] = (errors.indicator, half_width, errors.mesh)
         done += len(part.covered)
-        if progress is not None:
-            progress(done, width * height)
     return ErrorMap(*maps.reshape(3, height, width))
+
+
+def _after(progress: Callable[[int, int], None], before: int, of: int, done: int, _: int) -> None:
+    """Tell of pixels done in a part after those of the parts before it, and of all pixels."""
+    progress(before + done, of)
 
 
 def check_matplotlib() -> None:

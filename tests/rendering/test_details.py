@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from isosample.errors import InputError
+from isosample.integral.reference import RAYS_PER_BLOCK
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.detail_choice import DetailChoice
@@ -343,6 +344,18 @@ def test_an_estimate_may_not_grow_from_nothing() -> None:
     assert screen_error_within(Renderer(), report, [camera], SIZE) == 0.125  # type: ignore[arg-type]
     known = report | {"estimates": {"indicator": 1e-4, "mesh": 1e-9}}
     assert screen_error_within(Renderer(), known, [camera], SIZE) == 0.25  # type: ignore[arg-type]
+
+
+@pytest.mark.usefixtures("gl")
+def test_an_error_map_tells_how_far_it_is_from_the_start_on() -> None:
+    volume = blobs()
+    plan = plan_of(volume)
+    told: list[tuple[str, int, int]] = []
+    with Renderer(surfaces_of(volume, plan, 1, residuals=True), plan) as renderer:
+        renderer.error_map(size=(64, 32), progress=lambda *step: told.append(step))
+    done = [pixels for stage, pixels, of in told if (stage, of) == ("error map", 64 * 32)]
+    # four blocks of rays, of one part of the lists
+    assert done == [0, *range(RAYS_PER_BLOCK, 64 * 32 + 1, RAYS_PER_BLOCK)]
 
 
 def test_an_error_map_leaves_no_seconds_to_the_next_picture(gl: moderngl.Context) -> None:
