@@ -4,20 +4,57 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import logging
 import os
 import tempfile
+import time
 import warnings
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from numba import config, njit
+from numba.core import event
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
 F = TypeVar("F", bound="Callable[..., Any]")
+
+LOG = logging.getLogger(__name__)
+PATIENCE = 10.0  # s of compilation after which it is told of
+
+
+class _Compilations(event.Listener):
+    """Tells once, in the log, why the first run takes long: what is compiled has no machine code in the cache.
+
+    Compilations may be nested, and none begins while another thread's is going on.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._began, self._spent, self._told = 0, 0.0, 0.0, False
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002  # named by numba
+        """Tell where the compilations so far have taken long."""
+        now = time.monotonic()
+        if self._depth == 0:
+            self._began = now
+        self._depth += 1
+        if not self._told and self._spent + now - self._began > PATIENCE:
+            self._told = True
+            LOG.info(
+                "kernels are being compiled to machine code, which the next run finds where it can be kept"
+            )
+
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
+        """Add what the outermost compilation took."""
+        self._depth -= 1
+        if self._depth == 0:
+            self._spent += time.monotonic() - self._began
+
+
+event.register("numba:compile", _Compilations())  # type: ignore[no-untyped-call]
 
 
 def compiled(function: F) -> F:

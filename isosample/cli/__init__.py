@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import sys
 import traceback
@@ -11,6 +12,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 from isosample.cli import cache, compare, demo, doctor, export, filter, info, precompute, render, verify
+from isosample.cli.console import LogNotes
 from isosample.cli.parser import CommandParser, join_negative_values, parse_arguments
 from isosample.errors import IsosampleError, LostFragmentsError, OpenGLError, ShaderError, UnrepairedError
 
@@ -61,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no error
-    with _warnings_as_lines():
+    with _warnings_as_lines(), _log_as_notes():
         try:
             return _reported(lambda: _run(arguments), debug="--debug" in arguments)
         except BrokenPipeError:
@@ -132,6 +134,20 @@ def _fail(message: str, status: int, *, debug: bool) -> int:
     shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
     sys.stderr.write(f"isosample: {shown}\n")
     return status
+
+
+@contextlib.contextmanager
+def _log_as_notes() -> Iterator[None]:
+    """Show what the library logs as one line each on standard error."""
+    log, handler = logging.getLogger("isosample"), LogNotes()
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
 
 
 @contextlib.contextmanager

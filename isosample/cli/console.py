@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import math
 import sys
 import time
@@ -26,6 +27,14 @@ def say(line: str = "") -> None:
 def note(line: str) -> None:
     """Tell on standard error what was assumed."""
     sys.stderr.write(f"isosample: note: {line}\n")
+
+
+class LogNotes(logging.Handler):
+    """Shows what the library logs, as notes."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one line."""
+        note(record.getMessage())
 
 
 def say_json(document: Mapping[str, Any]) -> None:

@@ -25,6 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(
         console, "MOMENT", math.inf
     )  # on a slow machine nothing more is told than on a fast one
+    monkeypatch.setattr("isosample.compiled.PATIENCE", math.inf)
     for variable in ("ISOSAMPLE_CACHE", "ISOSAMPLE_GL_BACKEND", "NO_COLOR", "FORCE_COLOR", "COLUMNS"):
         monkeypatch.delenv(variable, raising=False)
     return place
