@@ -36,7 +36,7 @@ def build_parser() -> CommandParser:
     parser = CommandParser(
         prog="isosample",
         description="Render volumes through isosurfaces at values chosen from the transfer function.",
-        epilog="example:\n  isosample demo\n  isosample render head.nrrd -o head.png",
+        epilog="example:\n  isosample demo\n  isosample render head.nrrd --method auto -o head.png",
     )
     parser.add_argument("--version", action="version", version=f"isosample {__version__}")
     commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)

@@ -1,17 +1,18 @@
-"""`isosample render --method auto`: the method that is expected to take the least time."""
+"""The method that is expected to take the least time: chosen by `isosample render --method auto`, or only told."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from isosample.cli.cameras import orbit
-from isosample.cli.console import say_fields
+from isosample.cli.console import note, say_fields
 from isosample.cli.methods import methods_left
 from isosample.cli.outputs import check_driver
 from isosample.cli.turntable import cameras_of
 from isosample.defaults import DATA_CENTRIC
+from isosample.wording import duration
 
 if TYPE_CHECKING:
     import argparse
@@ -23,14 +24,23 @@ if TYPE_CHECKING:
     from isosample.volume.macrocells import MacrocellGrid
 
 
+FEWEST_SAMPLES = (
+    1 << 20
+)  # of a volume for which isosurfaces may be slow; fewer take less than an estimate is worth
+WORTH_SECONDS, WORTH_FACTOR = 5.0, 3.0  # so much quicker another method must be to be named
+
+
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """A volume that was opened to choose a method for it, its transfer function and where that is from, and bounds."""
+    """A volume that was opened to choose a method for it, its transfer function and where that is from.
+
+    With bounds of the volume's field, where it was chosen by an estimate.
+    """
 
     volume: Volume
     transfer_function: TransferFunction
     tf_origin: str
-    macrocells: MacrocellGrid
+    macrocells: MacrocellGrid | None = None
 
 
 def choose(args: argparse.Namespace, settings: RenderSettings, camera: Camera | None) -> Opened | None:
@@ -74,25 +84,17 @@ def _estimate(
     """Choose by the estimated seconds."""
     from isosample.cli.methods import check_volume_is_named
     from isosample.cli.raycast import raycast_settings_of
-    from isosample.cli.sources import (
-        load_transfer_function,
-        open_source_volume,
-        quality_of,
-        transfer_function_of,
-    )
+    from isosample.cli.sources import quality_of
     from isosample.rendering.method_choice import choose_method
 
     check_volume_is_named(args)
-    given = load_transfer_function(args.tf)
-    volume = open_source_volume(args, args.source)
-    check_driver(args.size)
-    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
-    one = camera or orbit(args, volume.box)
+    opened = _open(args)
+    box = opened.volume.box
     quality = quality_of(args)
     found = choose_method(
-        volume,
-        tf,
-        cameras=[one] if args.turntable is None else cameras_of(args, camera, volume.box),
+        opened.volume,
+        opened.transfer_function,
+        cameras=[camera or orbit(args, box)] if args.turntable is None else cameras_of(args, camera, box),
         size=args.size,
         settings=settings,
         quality=quality,
@@ -101,7 +103,64 @@ def _estimate(
         spent_seconds=time.process_time(),
     )
     _tell(args, found.to_dict())
-    return Opened(volume, tf, origin, found.macrocells)
+    return replace(opened, macrocells=found.macrocells)
+
+
+def note_if_slow(args: argparse.Namespace, settings: RenderSettings, camera: Camera | None) -> Opened | None:
+    """Tell before the work where nobody asked for isosurfaces and the ray caster would be far quicker.
+
+    Parameters
+    ----------
+    args : Namespace
+        Of `isosample render` without a method.
+    settings : RenderSettings
+    camera : Camera or None
+        Of a file.
+
+    Returns
+    -------
+    opened : Opened or None
+        What was opened for it. None where nothing can be told cheaply, or an option asks for isosurfaces: a cache
+        folder, a film, a tolerance, a smooth reconstruction, or what the ray caster does not have.
+    """
+    from isosample.cli.sources import is_cache_folder, quality_of
+    from isosample.rendering.method_choice import choose_method
+
+    smooth = args.reconstruction not in (None, "trilinear")
+    if args.turntable is not None or args.tolerance is not None or smooth or len(methods_left(args)) == 1:
+        return None
+    if is_cache_folder(args.source):
+        return None
+    quality = quality_of(args)
+    opened = _open(args)
+    volume = opened.volume
+    if volume.stays_in_file or volume.array.size < FEWEST_SAMPLES:
+        return opened
+    found = choose_method(
+        volume,
+        opened.transfer_function,
+        cameras=[camera or orbit(args, volume.box)],
+        size=args.size,
+        settings=settings,
+        quality=quality,
+    )
+    quick, slow = found.estimates[0].total_seconds, found.estimates[-1].total_seconds
+    if found.method != DATA_CENTRIC and slow > max(quick + WORTH_SECONDS, WORTH_FACTOR * quick):
+        note(
+            f"about {duration(slow)} are estimated, most of them for isosurfaces, and {duration(quick)} for the ray "
+            "caster, which --method auto would choose"
+        )
+    return opened
+
+
+def _open(args: argparse.Namespace) -> Opened:
+    """Open the volume and its transfer function; a missing driver is told before the long work."""
+    from isosample.cli.sources import load_transfer_function, open_source_volume, transfer_function_of
+
+    given = load_transfer_function(args.tf)
+    volume = open_source_volume(args, args.source)
+    check_driver(args.size)
+    return Opened(volume, *transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked"))
 
 
 def _tell(args: argparse.Namespace, choice: dict[str, object]) -> None:

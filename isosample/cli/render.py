@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from isosample.rendering.settings import RenderSettings
 
 EXAMPLE = """\
-isosample render head.nrrd -o head.png
+isosample render head.nrrd --method auto -o head.png
 isosample render head.nrrd --tf bone.json --up z --azimuth 30 --shading --background 1,1,1 -o head.png
 isosample render head.raw --shape 256,256,128 --dtype uint16 --clip -1,0,0,60 -o half.npy
 isosample render head.nrrd --reconstruction cubic --tolerance 1/255 --error-map errors.png -o head.png
@@ -51,7 +51,6 @@ isosample render head.nrrd --method post-classified --step 1/4 -o head.png
 isosample render head.nrrd --method pre-integrated --sampling differential --stats head.json -o head.png
 isosample render head.nrrd --method peak-finding --peak-weight integral --crossings exact -o head.png
 isosample render head.nrrd --method reference --size 200x200 -o head.npy
-isosample render head.nrrd --tf bone.json --method auto -o head.png
 isosample render head.nrrd --elevation 20 --turntable 72 --background 1,1,1 -o head.mp4
 isosample render head_meshes --screen-error 1/2 --turntable 360 -o head.mp4"""
 
@@ -111,7 +110,6 @@ def add_parser(commands: Commands) -> None:
     parser.add_argument(
         "--method",
         choices=(*METHODS, AUTO),
-        default=DATA_CENTRIC,
         help="data-centric: through isosurfaces, by OpenGL (default); post-classified, pre-integrated, peak-finding: "
         "through samples of the volume, by the ray caster; reference: the field itself in float64 to 1e-10, without "
         "OpenGL, for comparison; auto: of data-centric, pre-integrated and peak-finding the one that is estimated to "
@@ -151,6 +149,7 @@ def run(args: argparse.Namespace) -> int:
     from isosample.rendering.turntable import FrameLog
 
     log = FrameLog()
+    named, args.method = args.method is not None, args.method or DATA_CENTRIC
     check_method(args)
     check_turntable(args)
     settings = settings_of(args)
@@ -161,6 +160,10 @@ def run(args: argparse.Namespace) -> int:
         from isosample.cli.auto import choose
 
         opened = choose(args, settings, camera)
+    elif not named:
+        from isosample.cli.auto import note_if_slow
+
+        opened = note_if_slow(args, settings, camera)
     if args.method == REFERENCE:
         from isosample.cli.reference import run_reference
 

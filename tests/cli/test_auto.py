@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cli.harness import TF, Run, content, write_json
+from isosample.cli import auto
 from isosample.rendering import method_costs
 from isosample.volume import macrocells
 from isosample.wording import duration
@@ -209,3 +210,52 @@ def test_a_suggested_transfer_function_is_noted_once(run: Run) -> None:
     assert outcome.err.count("suggested from the histogram") == 1
     stats = json.loads(Path("stats.json").read_text(encoding="utf-8"))
     assert stats["transfer_function"] == "suggested from the histogram"
+
+
+PLAIN = "render blob.npy --tf tf.json --size 24x16 -o out.npy"
+SLOW = "isosample: note: about 2 min are estimated, most of them for isosurfaces, and "
+
+
+@pytest.mark.parametrize(
+    ("more", "favoured", "told"),
+    [
+        ("", "pre-integrated", True),
+        ("", "data-centric", False),
+        ("--method data-centric", "pre-integrated", False),  # asked for
+        ("--per-slope 3", "pre-integrated", False),  # of isosurfaces
+        ("--refine 2", "pre-integrated", False),
+        ("--cache meshes", "pre-integrated", False),
+        ("--tolerance 1/16", "pre-integrated", False),
+        ("--turntable 2", "pre-integrated", False),
+        ("--reconstruction cubic", "pre-integrated", False),
+    ],
+)
+def test_that_the_ray_caster_would_be_far_quicker_is_told_where_nobody_asked_for_isosurfaces(
+    run: Run, monkeypatch: pytest.MonkeyPatch, more: str, favoured: str, told: bool
+) -> None:
+    favour(monkeypatch, favoured)
+    monkeypatch.setattr(auto, "FEWEST_SAMPLES", 1)
+    outcome = run(f"{PLAIN} {more}")
+    assert outcome.status == 0, outcome.err
+    assert outcome.err.startswith(SLOW) == told
+    assert ("--method auto" in outcome.err) == told
+
+
+def test_a_small_volume_is_not_estimated(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    favour(monkeypatch, "pre-integrated")
+    assert run(PLAIN).err == ""
+
+
+def test_what_is_told_changes_no_bit_of_the_picture(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    favour(monkeypatch, "pre-integrated")
+    assert run(f"{PLAIN} --stats plain.json").status == 0
+    expected = np.load("out.npy")
+    monkeypatch.setattr(auto, "FEWEST_SAMPLES", 1)
+    outcome = run(f"{PLAIN} --stats stats.json")
+    assert outcome.err.startswith(SLOW)
+    np.testing.assert_array_equal(np.load("out.npy"), expected)
+    found, plain = (
+        json.loads(Path(name).read_text(encoding="utf-8")) for name in ("stats.json", "plain.json")
+    )
+    assert found.keys() == plain.keys()  # nothing was chosen
+    assert found["transfer_function"] == "tf.json"
