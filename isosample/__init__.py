@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from isosample.rendering.raycaster import RayCaster as RayCaster
     from isosample.rendering.raycaster import raycast as raycast
     from isosample.rendering.reference_image import render_reference as render_reference
+    from isosample.rendering.settings import BuildStage as BuildStage
     from isosample.rendering.settings import ClipPlane as ClipPlane
     from isosample.rendering.settings import Material as Material
     from isosample.rendering.settings import RenderSettings as RenderSettings
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "BuildStage": "rendering.settings",
     "Camera": "rendering.camera",
     "Classification": "rendering.raycast_settings",
     "ClipPlane": "rendering.settings",

@@ -20,9 +20,8 @@
 #include "lib/octahedral.glsl"
 #include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
+#include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
-
-uniform uint level;
 
 in float depth_view;
 in vec3 gradient_local;
@@ -38,24 +37,19 @@ flat in float corner_residual;
 #endif
 
 void main() {
-    vec3 ray = pixel_ray();
-    float scale = length(ray);
-    bool edge_on = is_edge_on(depth_view, scale);   // then one of the corners is nearer the truth
-    vec3 gradient = edge_on ? corner_gradient : gradient_local;
-    float along = dot(gradient, ray) / scale;
-    float distance = (edge_on ? corner_depth : depth_view) * scale;
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec3 ray = pixel_ray(pixel);
+    Crossing found = no_crossing();
+    bool edge_on = is_edge_on(fwidth(depth_view), length(ray));   // then one of the corners is nearer the truth
+    found.gradient = edge_on ? corner_gradient : gradient_local;
+    found.depth = edge_on ? corner_depth : depth_view;
 #if CURVED
-    float error = curved_error(gradient_local, position_local, moment);
-    if (!edge_on) distance += curved_shift(error, along, length(gradient), frame.curved_limit, gl_FrontFacing);
+    found.position = position_local;
+    found.moment = moment;
+    found.curved = !edge_on;
 #endif
-    uint surface = level | (gl_FrontFacing ? RISING_BIT : 0u) | (packHalf2x16(vec2(min(abs(along), LARGEST_HALF), 0.0)) << 16);
 #if RESIDUAL
-    uint normal = floatBitsToUint(edge_on ? corner_residual : residual_value);
-#elif SHADING
-    float steepness = length(gradient);
-    uint normal = steepness > 0.0 ? pack_normal(gradient / steepness) : NO_NORMAL;
-#else
-    uint normal = NO_NORMAL;
+    found.residual = edge_on ? corner_residual : residual_value;
 #endif
-    append_node(distance, surface, normal);
+    append_crossing(pixel, ray, found, gl_FrontFacing);
 }

@@ -17,7 +17,8 @@ flat in vec4 corner_values;
 flat in int cell_face;
 
 void main() {
-    vec3 ray = pixel_ray();
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec3 ray = pixel_ray(pixel);
     int axis = cell_face / 2;
     vec3 upwards = axis == 0 ? frame.unit_row_x.xyz : (axis == 1 ? frame.unit_row_y.xyz : frame.unit_row_z.xyz);
     bool valid_below = cell_face % 2 == 1;
@@ -26,6 +27,6 @@ void main() {
     uint tolerance = packHalf2x16(vec2(face_tolerance(corner_values), 0.0)) << 16;
     uint surface = DOMAIN_LEVEL | (entering ? RISING_BIT : 0u) | tolerance;
     float scale = length(ray);
-    float depth = is_edge_on(depth_view, scale) ? corner_depth : depth_view;
-    append_node(depth * scale, surface, floatBitsToUint(value));
+    float depth = is_edge_on(fwidth(depth_view), scale) ? corner_depth : depth_view;
+    append_node(pixel, depth * scale, surface, floatBitsToUint(value));
 }

@@ -32,6 +32,8 @@ class FrameStatistics:
         Rays that ended behind an opaque front.
     tiles : int
         Parts in which the picture was rendered.
+    compute_tiles : int
+        Of these, those whose triangles compute shaders rasterised; the graphics pipeline did the others'.
     pool_bytes : int
         Memory of the fragment pool.
     chunks : int
@@ -61,6 +63,7 @@ class FrameStatistics:
     saturated_segments: int = 0
     terminated_rays: int = 0
     tiles: int = 0
+    compute_tiles: int = 0
     pool_bytes: int = 0
     chunks: int = 0
     chunks_coarser: int = 0

@@ -9,6 +9,7 @@ import numpy as np
 from isosample.gl.context import limits
 from isosample.rendering.supplies import mask_supply, mesh_supply
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
+from isosample.rendering.triangle_raster import TriangleRaster
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,11 +37,13 @@ class ListBuilder:
         self._shared = shared
         self._frames = frames
         self._was_split = False
+        self._compute = TriangleRaster(shared, frames.geometry)
         self._query = shared.ctx.query(samples=True)
         self._rasteriser: moderngl.Framebuffer | None = None
 
     def release(self) -> None:
-        """Free the framebuffer."""
+        """Free the framebuffer, and the images of the vertices."""
+        self._compute.release()
         if self._rasteriser is not None:
             self._rasteriser.release()
         self._rasteriser = None
@@ -80,11 +83,12 @@ class ListBuilder:
                 return self._split(tile, frame), 0
         elif self._was_split and not counted:
             return self._split(tile, frame), 0
-        counters, rasterised = self._build(tile, frame)
+        counters, rasterised, by_compute = self._build(tile, frame)
         asked = int(counters["node_count"])
         if rasterised == QUERY_SATURATED or asked > self._shared.pool.capacity:
             needed = max(asked, rasterised)
             return ([tile] if self._shared.pool.grow(needed, budget) else self._split(tile, frame)), 0
+        frame.statistics.compute_tiles += int(by_compute)
         return [], rasterised
 
     def _measure(self, tile: Tile, frame: PictureFrame) -> int:
@@ -103,9 +107,13 @@ class ListBuilder:
         self._shared.pool.grow(int(counts.sum(dtype=np.int64)), frame.settings.fragment_budget_bytes)
         return tiles_that_fit(tile, counts.reshape(tile.height, tile.width), self._shared.pool.capacity)
 
-    def _build(self, tile: Tile, frame: PictureFrame) -> tuple[np.void, int]:
-        """Fill the lists; return the counters and the number of fragments by an independent count."""
+    def _build(self, tile: Tile, frame: PictureFrame) -> tuple[np.void, int, bool]:
+        """Fill the lists; return counters, fragments by an independent count, and whether by compute shaders."""
         with self._shared.timer.stage("build"):
+            if self._compute.suits(frame):
+                counters = self._build_by_compute(tile, frame)
+                if counters is not None:
+                    return counters, int(counters["rasterised"]), True
             self._shared.pool.clear_lists(tile)
             self._shared.bind(tile, frame)
             constants = {
@@ -116,7 +124,17 @@ class ListBuilder:
             edges = {"SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits}
             rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants | edges, edges)
             self._shared.ctx.memory_barrier()
-            return self._shared.pool.counters(), rasterised
+            return self._shared.pool.counters(), rasterised, False
+
+    def _build_by_compute(self, tile: Tile, frame: PictureFrame) -> np.void | None:
+        """Fill the lists without the graphics pipeline; None where the meshes do not suit that."""
+        self._shared.pool.clear_lists(tile)
+        self._shared.bind(tile, frame)
+        if not self._compute.build(frame, self._frames.tile_passes(frame, tile)):
+            return None
+        self._shared.ctx.memory_barrier()
+        counters = self._shared.pool.counters()
+        return None if int(counters["unsuited"]) else counters
 
     def _draw(
         self,

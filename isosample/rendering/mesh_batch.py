@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.rendering.chunk_stream import VERTEX_DTYPE
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -62,8 +64,7 @@ class Batch:
         shown : (C,) bool
             Which pieces of the scene are to be drawn; of those here, neighbours may be drawn along.
         """
-        kept = shown[self.rows]
-        levels, first, count = runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
+        levels, first, count = self.runs(shown)
         if len(first) == 0:
             return
         vertex_array = self._vertex_array(program)
@@ -80,6 +81,26 @@ class Batch:
                 vertex_array.render_indirect(commands, count=stop - start, first=start)
         if commands is not None:
             commands.release()
+
+    @property
+    def vertex_count(self) -> int:
+        """Vertices on the GPU."""
+        return int(self._vertices.size) // VERTEX_DTYPE.itemsize
+
+    def runs(self, shown: Bool) -> tuple[I64, I64, I64]:
+        """Levels, first indices and counts of the draws that show pieces; `shown` as for `draw`."""
+        kept = shown[self.rows]
+        return runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
+
+    def bind_vertices(self, binding: int) -> None:
+        """Bind positions and gradients to a storage block."""
+        self._vertices.bind_to_storage_buffer(binding)
+
+    def bind_triangles(self, indices: int, residuals: int) -> None:
+        """Bind the indices, and the residuals if they are here, to storage blocks."""
+        self._indices.bind_to_storage_buffer(indices)
+        if self._residuals is not None:
+            self._residuals.bind_to_storage_buffer(residuals)
 
     def release(self) -> None:
         """Free every buffer."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.tiles import Tile
+    from isosample.volume.geometry import GridGeometry
 
 
 @dataclass(slots=True)
@@ -70,6 +71,11 @@ class PictureFrames:
         self._coarser = chunks["detail"] > 0
         self._culling = Culling(chunks)
         self._details = DetailChoice(chunks, max(scene.geometry.spacing))
+
+    @property
+    def geometry(self) -> GridGeometry:
+        """Of the scene's volume."""
+        return self._geometry
 
     def begin(
         self, camera: Camera, size: tuple[int, int], settings: RenderSettings, *, residuals: bool = False

@@ -22,6 +22,21 @@ DEFAULT_MIN_TRANSMITTANCE = (
 )  # what is left behind changes a pixel by less than 1e-6 of the brightest colour
 
 
+class BuildStage(enum.Enum):
+    """Shader stage that rasterises the surfaces.
+
+    FRAGMENT is the graphics pipeline. COMPUTE are compute shaders, as long as all triangles in the picture lie in front
+    of the eye and each in a box of 127 pixels, and no cells are masked; else FRAGMENT takes its place
+    (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes each, of curved triangles 40, beside the mesh
+    budget.
+    AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
+    """
+
+    AUTO = "auto"
+    FRAGMENT = "fragment"
+    COMPUTE = "compute"
+
+
 class ResolveStage(enum.Enum):
     """Shader stage of the resolve pass; AUTO takes FRAGMENT on software renderers and COMPUTE on GPUs."""
 
@@ -94,6 +109,7 @@ class RenderSettings:
         Straight linear RGBA behind the volume, each in [0, 1]; transparent by default.
     clip_planes : tuple of ClipPlane
         At most 8; what lies on the kept side of all of them is shown.
+    build_stage : BuildStage
     stage : ResolveStage
     fragment_budget_bytes : int
         Memory for the fragment lists; larger pictures are rendered in tiles. At least one pixel's list must
@@ -118,6 +134,7 @@ class RenderSettings:
     material: Material | None = None
     background: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     clip_planes: tuple[ClipPlane, ...] = ()
+    build_stage: BuildStage = BuildStage.AUTO
     stage: ResolveStage = ResolveStage.AUTO
     fragment_budget_bytes: int = DEFAULT_FRAGMENT_BUDGET_BYTES
     mesh_budget_bytes: int = DEFAULT_MESH_BUDGET_BYTES

@@ -20,9 +20,13 @@ STORAGE_BLOCKS = {
     "Boundary": "BOUNDARY",
     "RayCounterBlock": "RAY_COUNTERS",
     "RayStates": "RAY_STATES",
+    "Vertices": "VERTICES",
+    "Indices": "INDICES",
+    "Residuals": "RESIDUALS",
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 NODES = {"nodes": "uimage2D"}
+PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
 
 
@@ -84,6 +88,27 @@ def mask_supply() -> Supply:
         uniforms={"side": "float"} | NODES,
         attributes={"start": "vec3", "face": "int", "values": "vec4"},
         optional=frozenset({*lists, *NODES, "values"}),
+    )
+
+
+@cache
+def project_supply() -> Supply:
+    """Of the build pass by compute shaders: vertices."""
+    return Supply(
+        blocks=blocks("FrameBlock", "Vertices"),
+        uniforms={"vertex_count": "uint", "first_vertex": "uint", **PROJECTED},
+        optional=frozenset({"positions"}),
+    )
+
+
+@cache
+def raster_supply() -> Supply:
+    """Of the build pass by compute shaders: triangles."""
+    uniforms = {"level": "uint", "first_index": "uint", "triangle_count": "uint"}
+    return Supply(
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals"),
+        uniforms=uniforms | PROJECTED | NODES,
+        optional=frozenset({"positions", "Residuals"}),
     )
 
 

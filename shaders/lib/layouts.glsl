@@ -16,6 +16,12 @@ const int BINDING_RAY_COUNTERS = 6;      // storage: struct RayCounters
 const int BINDING_RAY_STATES = 7;        // storage: struct RayState, one per pixel of the tile
 const int BINDING_IMAGE = 0;             // image unit: the resolved picture, premultiplied linear RGBA
 const int BINDING_NODES = 1;             // image unit: the fragment pool, one texel per struct Node
+const int BINDING_VERTICES = 6;          // storage, of the build pass by compute shaders: position and gradient of every vertex
+const int BINDING_INDICES = 7;           // storage, of the same: three vertices per triangle
+const int BINDING_RESIDUALS = 1;         // storage, of the same: how far the field is from the isovalue near every vertex
+const int BINDING_PLACES = 2;            // image unit, of the same: where the vertices are in the picture [pixel], VERTEX_ROW in a row
+const int BINDING_CORNERS = 3;           // image unit, of the same: gradients and depths of the vertices
+const int BINDING_POSITIONS = 4;         // image unit, of the same: positions and moments of the vertices
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: of an empty macrocell the leaps in eight octants, else the step multiplier, see below
 const int UNIT_TRANSFER = 2;             // texture unit: the transfer function, see the texels below
@@ -47,6 +53,9 @@ const uint LEAP_MASK = 15u;              // the first leap
 const int RAY_BLOCK = 8;                 // edge of the blocks of pixels whose rays leap over empty macrocells together [pixel]
 const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
 const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
+const uint VERTEX_ROW = 4096u;           // vertices in a row of the images of the build pass by compute shaders
+const int LARGEST_TRIANGLE = 127;        // edge of the largest box around a triangle that these rasterise [pixel]: 2 (127 · 256)² fits 32 bits
+const float NOT_IN_PICTURE = 1e30;       // in place of the x of a vertex that cannot be projected; y: 1 behind the eye, 0 too far aside
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
 const int MAX_LEVELS = 32767;            // levels that fit LEVEL_MASK, the mask marker excluded
@@ -81,6 +90,8 @@ struct Counters {
     uint longer_lists;                   // lists left to a later program of the resolve pass because of their length,
     uint broken_chains;                  // and because they are no chains;
     uint balanced_lists;                 // of these resolved, as their crossings add up
+    uint rasterised;                     // by compute shaders: fragments, counted triangle by triangle
+    uint unsuited;                       // triangles that these cannot rasterise: then there is no list at all
 };
 
 // The TF inside one band; linear in the value between the two ends (one-sided limits).

@@ -180,7 +180,7 @@ def test_lost_fragments_stop_the_frame(gl: moderngl.Context, monkeypatch: pytest
     scene, camera = translucent_scene()
     with ABuffer(gl, scene) as abuffer:
         build = abuffer._builder._build
-        monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1))
+        monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1, False))
         with pytest.raises(LostFragmentsError, match="1 fragments were rasterised"):
             abuffer.render(camera, (64, 64), RenderSettings())
 
@@ -193,7 +193,9 @@ def test_lost_fragments_stop_lists_that_are_read_back(
     with ABuffer(gl, scene) as abuffer:
         pool, build = abuffer._shared.pool, abuffer._builder._build
         if lost == "stored":
-            monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1))
+            monkeypatch.setattr(
+                abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1, False)
+            )
         else:
             heads = pool.heads
             end = np.uint32(shared_constants()["LIST_END"])

@@ -1,0 +1,159 @@
+"""The build pass by compute shaders: rasterises small triangles, in place of the graphics pipeline.
+
+A software renderer sets triangles up one after the other, on one processor; compute shaders take several at a time, on
+all of them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from isosample.gl.context import is_software, limits
+from isosample.gl.memory import with_room
+from isosample.rendering.device_scene import residual_column
+from isosample.rendering.frame import shared_constants
+from isosample.rendering.settings import BuildStage
+from isosample.rendering.supplies import project_supply, raster_supply
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import moderngl
+
+    from isosample.rendering.culling import Pass
+    from isosample.rendering.mesh_batch import Batch
+    from isosample.rendering.pass_resources import PassResources
+    from isosample.rendering.picture_frame import PictureFrame
+    from isosample.volume.geometry import GridGeometry
+
+Bool = npt.NDArray[np.bool_]
+
+WORK_GROUP = 64  # local size of both shaders
+SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
+MOST_GROUPS = 65535  # of one dispatch along x: what every OpenGL allows
+LARGEST_CELL = (
+    24.0  # of the volume in the picture [pixel]: the triangles of larger ones the pipeline fills faster
+)
+COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
+REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs no such images."
+
+
+class TriangleRaster:
+    """Rasterises the meshes of one scene.
+
+    Parameters
+    ----------
+    shared : PassResources
+    geometry : GridGeometry
+        Of the scene.
+    """
+
+    def __init__(self, shared: PassResources, geometry: GridGeometry) -> None:
+        self._shared = shared
+        self._geometry = geometry
+        self._images: dict[str, moderngl.Texture] = {}
+
+    def release(self) -> None:
+        """Free the images of the vertices."""
+        for image in self._images.values():
+            image.release()
+        self._images = {}
+
+    def suits(self, frame: PictureFrame) -> bool:
+        """Whether a picture is to be tried: by what is asked for, and by the size of the volume's cells in it.
+
+        Where triangles turn out to be too large or to reach behind the eye, the counter ``unsuited`` tells afterwards.
+        """
+        asked = frame.settings.build_stage
+        if asked is BuildStage.FRAGMENT or self._shared.scene.has_mask or len(frame.passes) > 1:
+            return False
+        if asked is BuildStage.AUTO and not is_software(self._shared.ctx):
+            return False
+        return asked is BuildStage.COMPUTE or self._largest_cell(frame) <= LARGEST_CELL
+
+    def build(self, frame: PictureFrame, passes: Sequence[Pass]) -> bool:
+        """Append all crossings of a tile, which is bound, to its lists; False where no image takes all vertices."""
+        shown = np.any([one.shown for one in passes], axis=0)
+        residual = None
+        if frame.residuals:
+            residual = residual_column(frame.curved)
+        budget = frame.settings.mesh_budget_bytes
+        for batch in self._shared.scene.meshes.batches(shown, budget, residual):
+            if not self._has_room(batch, frame):
+                return False
+            self._project(batch, frame)
+            self._rasterise(batch, frame, shown)
+        return True
+
+    def _largest_cell(self, frame: PictureFrame) -> float:
+        """Edge of the volume's nearest cell in the picture [pixel]; infinite where the box reaches behind the eye."""
+        block = frame.block[0]
+        height = float(np.linalg.norm(block["span_up"]))
+        box = self._geometry.box
+        nearest = 1.0
+        if block["perspective"] != 0.0:
+            centre = float(-(block["eye"] @ block["forward"]))
+            nearest = centre - box.radius
+        if nearest <= 0.0:
+            return float("inf")
+        pixels_per_world = 0.5 * float(block["image_size"][1]) / (height * nearest)
+        return max(self._geometry.spacing) * pixels_per_world
+
+    def _has_room(self, batch: Batch, frame: PictureFrame) -> bool:
+        """Make the images large enough for a batch, if they can be."""
+        row = shared_constants()["VERTEX_ROW"]
+        rows = -(-max(batch.vertex_count, 1) // row)
+        names = [name for name in COMPONENTS if name != "positions" or frame.curved]
+        size = sum(4 * COMPONENTS[name] for name in names) * row * rows
+        if rows > limits(self._shared.ctx).texture_size:
+            return False
+        for name in names:
+            held = self._images.get(name)
+            if held is None or held.height < rows:
+                if held is not None:
+                    self._images.pop(name).release()
+                image = self._shared.ctx.texture((row, rows), COMPONENTS[name], dtype="f4")
+                self._images[name] = with_room(self._shared.ctx, image, "projected vertices", size, REMEDY)
+        return True
+
+    def _project(self, batch: Batch, frame: PictureFrame) -> None:
+        """Project the vertices of a batch."""
+        self._bind_images()
+        program = self._shared.programs.compute("project.comp", project_supply(), CURVED=int(frame.curved))
+        batch.bind_vertices(shared_constants()["BINDING_VERTICES"])
+        program["vertex_count"] = batch.vertex_count
+        for first, groups in _dispatches(batch.vertex_count):
+            program["first_vertex"] = first
+            program.run(groups)
+        self._shared.ctx.memory_barrier()
+
+    def _rasterise(self, batch: Batch, frame: PictureFrame, shown: Bool) -> None:
+        """Rasterise the triangles of a batch, level by level."""
+        constants = {
+            "SHADING": frame.shading,
+            "CURVED": int(frame.curved),
+            "RESIDUAL": int(frame.residuals),
+            "PERSPECTIVE": int(frame.block[0]["perspective"] != 0.0),
+            "SUBPIXEL_BITS": SUBPIXEL_BITS,
+        }
+        program = self._shared.programs.compute("build.comp", raster_supply(), **constants)
+        batch.bind_triangles(shared_constants()["BINDING_INDICES"], shared_constants()["BINDING_RESIDUALS"])
+        for level, first, count in zip(*(run.tolist() for run in batch.runs(shown)), strict=True):
+            program["level"] = level
+            for start, groups in _dispatches(count // 3):
+                program["first_index"] = first + 3 * start
+                program["triangle_count"] = count // 3 - start
+                program.run(groups)
+
+    def _bind_images(self) -> None:
+        for name, image in self._images.items():
+            image.bind_to_image(shared_constants()[f"BINDING_{name.upper()}"], read=True, write=True)
+
+
+def _dispatches(count: int) -> list[tuple[int, int]]:
+    """First invocation and work groups of each of the calls that `count` invocations take."""
+    most = MOST_GROUPS * WORK_GROUP
+    return [(first, -(-min(count - first, most) // WORK_GROUP)) for first in range(0, count, most)]
