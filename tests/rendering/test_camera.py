@@ -123,7 +123,7 @@ GOOD: dict[str, Any] = {"projection": "orthographic", "eye": [0, 0, 5], "target"
         ({"up": [0, 0, 0]}, r"up .* parallel"),
         ({"zoom": 2}, "the camera has the unknown key 'zoom'; known are eye, "),
         ({"fov_y": 30}, "unknown key 'fov_y'; did you mean 'fov_y_degrees'\\? Known are eye, "),
-        ({"targets": [0, 0, 0]}, "unknown key 'tagret'; did you mean 'target'"),
+        ({"targets": [0, 0, 0]}, "unknown key 'targets'; did you mean 'target'"),
     ],
 )
 def test_a_bad_entry_is_named(change: dict[str, Any], named: str) -> None:
