@@ -124,7 +124,7 @@ void main() {
             row += next_row ? along_y : ivec3(0);
             value = next_row ? row : value + along_x;
         } while ((value.x | value.y | value.z) < 0 && pixel.y <= last.y);
-        if (pixel.y <= last.y) {
+        if ((value.x | value.y | value.z) >= 0 && pixel.y <= last.y) {
             vec2 way = vec2(pixel) + 0.5 - place_0;
             float second = (way.x * way_2.y - way.y * way_2.x) * inverse;
             float third = (way_1.x * way.y - way_1.y * way.x) * inverse;
@@ -161,6 +161,7 @@ void main() {
             ++found_count;
         }
     } while (pixel.y <= last.y);
+    if (pixel.y <= last.y) atomicAdd(counters.unsuited, 1u);   // the driver ended the loops
     if (found_count > 0u && atomicAdd(counters.rasterised, found_count) + found_count < found_count) {
         atomicAdd(counters.unsuited, 1u);  // more than 2^32 fragments
     }

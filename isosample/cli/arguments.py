@@ -221,7 +221,8 @@ def add_picture_options(parser: argparse.ArgumentParser) -> None:
     add_shading_option(
         group,
         does="light the volume from the eye (default: colours as they are); slopes of constant extinction and colour "
-        "then get isovalues too. --tolerance searches without light, and tells the error of the lit pictures",
+        "then get isovalues too. --tolerance searches without light; with isosurfaces it tells the error of the lit "
+        "pictures",
     )
     add_look_options(group, displayed="; .mp4 and .gif show that over black")
 

@@ -19,6 +19,7 @@ from isosample.defaults import (
     DATA_CENTRIC,
     DEFAULT_REPEAT,
     DEFAULT_SCREEN_ERROR,
+    EXACT_PEAKS,
     RAYCAST_METHODS,
 )
 from isosample.errors import InputError, MissingDependencyError
@@ -187,8 +188,8 @@ def _scene(
         raycast=RaycastSettings(
             sampling=Sampling(args.sampling or "uniform"),
             adaptive=bool(args.adaptive),
-            peak_weight=PeakWeight(args.peak_weight or "integral"),
-            crossings=Crossings(args.crossings or "exact"),
+            peak_weight=PeakWeight(args.peak_weight or EXACT_PEAKS["peak_weight"]),
+            crossings=Crossings(args.crossings or EXACT_PEAKS["crossings"]),
             reconstruction=Reconstruction(args.reconstruction or "trilinear"),
         ),
         nan_masked=args.nan == "masked",

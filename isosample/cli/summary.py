@@ -30,9 +30,9 @@ FLAWS = ("band_violations", "repaired_pixels", "unrepaired_pixels", "saturated_s
 MANY_REPAIRED = (
     1.0 - SHOWN_QUANTILE
 )  # of the pixels: errors and tolerances leave so many out, and fewer are not told
-FINER_MESHES = "finer meshes (--refine auto)"
+FINER_MESHES = "finer meshes (--refine auto, where they are extracted)"
 OTHER_CURES = (
-    "a smoother volume (isosample filter), or a method without isosurfaces (--method pre-integrated)"
+    "a smoother volume (isosample filter), or its picture without isosurfaces (--method pre-integrated)"
 )
 
 

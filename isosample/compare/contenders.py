@@ -150,7 +150,7 @@ class SurfaceContender:
         """How many isovalues, how fine meshes."""
         reconstruction = self._scene.raycast.reconstruction
         if self.setting.parameter is Parameter.TOLERANCE:
-            asked = Quality(tolerance=self.setting.value, reconstruction=reconstruction, refine=None)
+            asked = Quality(tolerance=self.setting.value, reconstruction=reconstruction)
         else:
             asked = Quality(per_slope=int(self.setting.value), reconstruction=reconstruction)
         return replace(asked, details=self._scene.details, lit=self._scene.render.material is not None)
@@ -190,7 +190,7 @@ class SurfaceContender:
         assert self._renderer is not None
         image = self._renderer.render(camera=camera, size=self._scene.size, settings=self._settings)
         self.bytes = (
-            self._mesh_bytes + image.stats["pool_bytes"]
+            self._mesh_bytes + image.stats["pool_bytes"] + image.stats["projected_bytes"]
         )  # which grows with the views, and never shrinks
         return image
 
@@ -275,7 +275,9 @@ def cost_of(stats: dict[str, Any], volume_bytes: int) -> dict[str, Any]:
         "triangles_extracted": stats["triangles"]["extracted"] if surfaces else None,
         "triangles_drawn": stats["triangles"]["drawn"] if surfaces else None,
         "screen_error": stats["screen_error"] if surfaces else None,
-        "bytes": stats["mesh_bytes"] + stats["pool_bytes"] if surfaces else volume_bytes,
+        "bytes": stats["mesh_bytes"] + stats["pool_bytes"] + stats["projected_bytes"]
+        if surfaces
+        else volume_bytes,
         "skipped": dict(stats["skipped"]),
         "not_shown": dict(stats.get("not_shown", {})),
     }

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.errors import InputError
-from isosample.integral.bernstein import bernstein_basis
+from isosample.integral.bernstein_basis import bernstein_basis
 from isosample.integral.quadrature import gauss_legendre
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from isosample.compiled import compiled
 from isosample.integral.cell_cubic import cubic_extrema, cubic_part, cubic_root, cubic_value
-from isosample.integral.cell_light import light_at
-from isosample.integral.lit_panels import lit_panel
+from isosample.integral.cell_light import UNRESOLVED, light_at
+from isosample.integral.lit_panels import DOUBT_SHARE, lit_panel
 
 if TYPE_CHECKING:
     from isosample.integral.band_table import BandTable, Optics
@@ -140,7 +140,10 @@ def cross_levels(
             if light is None:
                 composite(walk, opacity, 1.0 - opacity, color, color, 0.0)
             else:
-                shade, highlight, _ = light_at(light, place)
+                shade, highlight, doubt = light_at(light, place)
+                if doubt > DOUBT_SHARE:
+                    bound = max(color[0], color[1], color[2]) * light.material[1] + light.material[2]
+                    light.numbers[UNRESOLVED] += walk[TRANSMITTANCE] * opacity * bound * doubt
                 red, green, blue = (
                     color[0] * shade + highlight,
                     color[1] * shade + highlight,

@@ -10,7 +10,6 @@ References
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,12 +23,6 @@ if TYPE_CHECKING:
 
 ROOT_TOLERANCE = 4e-16  # of the interval [0, 1]: the last Newton step is below 2 units in the last place of 1
 MAX_ROOT_STEPS = 200  # bisection alone needs 52; Newton's method 4 to 6
-
-
-def bernstein_basis(x: F64, degree: int) -> F64:
-    """(N, degree + 1) float64, the Bernstein polynomials of a degree at `x`."""
-    columns = [math.comb(degree, i) * x**i * (1.0 - x) ** (degree - i) for i in range(degree + 1)]
-    return np.stack(columns, axis=-1)
 
 
 @compiled

@@ -12,7 +12,8 @@ most, so that the errors add up to half the tolerance. Two things could hide bet
 
 Where the gradient vanishes on the ray, no halving fulfils that. But the light is bounded, so that a piece errs by its
 opacity times the bound at most: where that is less than 2⁻¹² of half the tolerance the piece is taken as it is, and
-what it may err by is added up; so is what rounding may do where the gradient is short. The caller must not return a
+what it may err by is added up; so is what rounding may do where the gradient is so short that this is more than a
+thousandth of the light. The caller must not return a
 ray for which the sum is more than half the tolerance.
 """
 

@@ -267,8 +267,8 @@ def check_resolved(light: CellLight, rays: tuple[F64, F64, F64]) -> None:
     if worst > light.allowed:
         raise CapacityError(
             f"the light along the ray from {rays[0][ray].tolist()} towards {rays[1][ray].tolist()} [sample indices] is "
-            f"known to within {worst:.1e} only, as the gradient vanishes there; {light.allowed:.1e} is asked for. "
-            "Ask for a larger tolerance."
+            f"known to within {worst:.1e} only, as the gradient vanishes there; half of the tolerance, "
+            f"{light.allowed:.1e}, may be left. Ask for a larger tolerance, or move the camera a little."
         )
 
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from isosample.compiled import compiled
 from isosample.integral.band_walk import PANELS, absorb_lit, composite
-from isosample.integral.bernstein import bernstein_basis
+from isosample.integral.bernstein_basis import bernstein_basis
 from isosample.integral.quadrature import gauss_legendre
 from isosample.integral.spline_cells import DEGREE
 

@@ -51,6 +51,8 @@ class FrameStatistics:
         Uploads of meshes for this picture.
     mesh_bytes : int
         Most memory of meshes on the GPU at once.
+    projected_bytes : int
+        Memory of projected vertices, which compute shaders rasterise.
     """
 
     fragments: int = 0
@@ -72,3 +74,4 @@ class FrameStatistics:
     triangles_drawn: int = 0
     mesh_batches: int = 0
     mesh_bytes: int = 0
+    projected_bytes: int = 0

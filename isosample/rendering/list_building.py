@@ -44,6 +44,9 @@ class ListBuilder:
     def release(self) -> None:
         """Free the framebuffer, and the images of the vertices."""
         self._compute.release()
+        self._release_framebuffer()
+
+    def _release_framebuffer(self) -> None:
         if self._rasteriser is not None:
             self._rasteriser.release()
         self._rasteriser = None
@@ -51,7 +54,7 @@ class ListBuilder:
     def resize(self, size: tuple[int, int]) -> None:
         """Make a framebuffer without attachments for pictures of (width, height) pixels."""
         if self._rasteriser is None or self._rasteriser.size != size:
-            self.release()
+            self._release_framebuffer()
             self._rasteriser = self._shared.ctx.empty_framebuffer(size)
 
     def built_tiles(self, frame: PictureFrame, size: tuple[int, int]) -> Iterator[tuple[Tile, int]]:
@@ -85,10 +88,16 @@ class ListBuilder:
             return self._split(tile, frame), 0
         counters, rasterised, by_compute = self._build(tile, frame)
         asked = int(counters["node_count"])
+        if (
+            by_compute and counted and asked > self._shared.pool.capacity
+        ):  # more than the pipeline has counted
+            frame.unsuited = True
+            return [tile], 0
         if rasterised == QUERY_SATURATED or asked > self._shared.pool.capacity:
             needed = max(asked, rasterised)
             return ([tile] if self._shared.pool.grow(needed, budget) else self._split(tile, frame)), 0
         frame.statistics.compute_tiles += int(by_compute)
+        frame.statistics.projected_bytes = self._compute.size_bytes
         return [], rasterised
 
     def _measure(self, tile: Tile, frame: PictureFrame) -> int:
@@ -131,10 +140,11 @@ class ListBuilder:
         self._shared.pool.clear_lists(tile)
         self._shared.bind(tile, frame)
         if not self._compute.build(frame, self._frames.tile_passes(frame, tile)):
+            frame.unsuited = True
             return None
-        self._shared.ctx.memory_barrier()
         counters = self._shared.pool.counters()
-        return None if int(counters["unsuited"]) else counters
+        frame.unsuited = int(counters["unsuited"]) > 0
+        return None if frame.unsuited else counters
 
     def _draw(
         self,

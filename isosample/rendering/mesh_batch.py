@@ -87,6 +87,11 @@ class Batch:
         """Vertices on the GPU."""
         return int(self._vertices.size) // VERTEX_DTYPE.itemsize
 
+    @property
+    def largest_buffer_bytes(self) -> int:
+        """Of the vertices and the indices; residuals are smaller than the vertices."""
+        return max(int(self._vertices.size), int(self._indices.size))
+
     def runs(self, shown: Bool) -> tuple[I64, I64, I64]:
         """Levels, first indices and counts of the draws that show pieces; `shown` as for `draw`."""
         kept = shown[self.rows]

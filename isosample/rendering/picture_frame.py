@@ -38,6 +38,8 @@ class PictureFrame:
         Whether the lists are read back to be judged.
     streamed : bool
         Whether every pass uploads the meshes anew, in batches.
+    unsuited : bool
+        Whether compute shaders turned out not to be able to rasterise what is drawn.
     statistics : FrameStatistics
     """
 
@@ -47,6 +49,7 @@ class PictureFrame:
     curved: bool
     residuals: bool = False
     streamed: bool = False
+    unsuited: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
 
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.errors import CapacityError
 from isosample.gl.context import is_software, limits
 from isosample.gl.memory import with_room
 from isosample.rendering.device_scene import residual_column
@@ -55,12 +56,19 @@ class TriangleRaster:
         self._shared = shared
         self._geometry = geometry
         self._images: dict[str, moderngl.Texture] = {}
+        self._projected: tuple[Batch, PictureFrame] | None = None  # whose places the images have
 
     def release(self) -> None:
         """Free the images of the vertices."""
         for image in self._images.values():
             image.release()
-        self._images = {}
+        self._images, self._projected = {}, None
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory of the images."""
+        row = 4 * shared_constants()["VERTEX_ROW"]
+        return sum(row * COMPONENTS[name] * image.height for name, image in self._images.items())
 
     def suits(self, frame: PictureFrame) -> bool:
         """Whether a picture is to be tried: by what is asked for, and by the size of the volume's cells in it.
@@ -68,14 +76,19 @@ class TriangleRaster:
         Where triangles turn out to be too large or to reach behind the eye, the counter ``unsuited`` tells afterwards.
         """
         asked = frame.settings.build_stage
-        if asked is BuildStage.FRAGMENT or self._shared.scene.has_mask or len(frame.passes) > 1:
+        if (
+            asked is BuildStage.FRAGMENT
+            or frame.unsuited
+            or self._shared.scene.has_mask
+            or len(frame.passes) > 1
+        ):
             return False
         if asked is BuildStage.AUTO and not is_software(self._shared.ctx):
             return False
         return asked is BuildStage.COMPUTE or self._largest_cell(frame) <= LARGEST_CELL
 
     def build(self, frame: PictureFrame, passes: Sequence[Pass]) -> bool:
-        """Append all crossings of a tile, which is bound, to its lists; False where no image takes all vertices."""
+        """Append all crossings of a tile, which is bound, to its lists; False where there is no room for that."""
         shown = np.any([one.shown for one in passes], axis=0)
         residual = None
         if frame.residuals:
@@ -84,7 +97,9 @@ class TriangleRaster:
         for batch in self._shared.scene.meshes.batches(shown, budget, residual):
             if not self._has_room(batch, frame):
                 return False
-            self._project(batch, frame)
+            if self._projected is None or self._projected[0] is not batch or self._projected[1] is not frame:
+                self._project(batch, frame)
+                self._projected = (batch, frame)
             self._rasterise(batch, frame, shown)
         return True
 
@@ -103,20 +118,35 @@ class TriangleRaster:
         return max(self._geometry.spacing) * pixels_per_world
 
     def _has_room(self, batch: Batch, frame: PictureFrame) -> bool:
-        """Make the images large enough for a batch, if they can be."""
+        """Make the images large enough for a batch, if they and its buffers can be as large as that.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room, and compute shaders were asked for.
+        """
         row = shared_constants()["VERTEX_ROW"]
         rows = -(-max(batch.vertex_count, 1) // row)
         names = [name for name in COMPONENTS if name != "positions" or frame.curved]
         size = sum(4 * COMPONENTS[name] for name in names) * row * rows
-        if rows > limits(self._shared.ctx).texture_size:
+        allowed = limits(self._shared.ctx)
+        if rows > allowed.texture_size or batch.largest_buffer_bytes > allowed.storage_block_bytes:
             return False
         for name in names:
             held = self._images.get(name)
             if held is None or held.height < rows:
                 if held is not None:
                     self._images.pop(name).release()
+                self._projected = None
                 image = self._shared.ctx.texture((row, rows), COMPONENTS[name], dtype="f4")
-                self._images[name] = with_room(self._shared.ctx, image, "projected vertices", size, REMEDY)
+                try:
+                    self._images[name] = with_room(
+                        self._shared.ctx, image, "projected vertices", size, REMEDY
+                    )
+                except CapacityError:
+                    if frame.settings.build_stage is BuildStage.COMPUTE:
+                        raise
+                    return False
         return True
 
     def _project(self, batch: Batch, frame: PictureFrame) -> None:
@@ -147,6 +177,7 @@ class TriangleRaster:
                 program["first_index"] = first + 3 * start
                 program["triangle_count"] = count // 3 - start
                 program.run(groups)
+        self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
 
     def _bind_images(self) -> None:
         for name, image in self._images.items():

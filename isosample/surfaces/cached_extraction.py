@@ -164,9 +164,9 @@ def _check_extracted(
         )
     if extracted.geometry != volume.geometry or not _may_be_of(extracted, volume):
         raise InputError(
-            f"the extracted surfaces are of a volume of {extracted.geometry} with values {extracted.value_range}; "
-            f"{volume.name} has {volume.geometry} and {volume.value_range}, or other corners. Pass what "
-            "extract_surfaces gives for this volume."
+            f"the extracted surfaces are of a volume of {extracted.geometry} with values within "
+            f"{extracted.value_range}; {volume.name} has {volume.geometry}, values {volume.value_range} or other "
+            "samples at its corners. Pass what extract_surfaces gives for this volume."
         )
 
 

@@ -54,7 +54,8 @@ const int RAY_BLOCK = 8;                 // edge of the blocks of pixels whose r
 const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
 const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
 const uint VERTEX_ROW = 4096u;           // vertices in a row of the images of the build pass by compute shaders
-const int LARGEST_TRIANGLE = 127;        // edge of the largest box around a triangle that these rasterise [pixel]: 2 (127 · 256)² fits 32 bits
+const int LARGEST_TRIANGLE = 64;         // edge of the largest box around a triangle that these rasterise [pixel]: 2 (64 · 256)² fits 32 bits, and
+                                         // the loops of 8 triangles that llvmpipe runs at once, 9 · 65² turns at most, end before its 65535
 const float NOT_IN_PICTURE = 1e30;       // in place of the x of a vertex that cannot be projected; y: 1 behind the eye, 0 too far aside
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray

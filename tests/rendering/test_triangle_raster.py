@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from isosample.gl.context import is_software
+from isosample.gl.context import is_software, limits
 from isosample.rendering import triangle_raster
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from isosample.rendering.fragment_lists import FragmentLists
+    from isosample.rendering.picture_frame import PictureFrame
+    from isosample.rendering.tiles import Tile
     from isosample.volume.geometry import Box
 
 FRAGMENT = RenderSettings(build_stage=BuildStage.FRAGMENT)
@@ -196,18 +198,96 @@ def test_an_eye_among_the_surfaces_is_left_to_the_pipeline(gl: moderngl.Context)
     np.testing.assert_array_equal(found, expected)
 
 
-def test_a_box_that_reaches_behind_the_eye_is_seen_as_by_the_pipeline(gl: moderngl.Context) -> None:
-    """The eye is in front of a face, and looks along it: half of the box is behind it."""
-    volume = nucleon()
-    scene = scene_of(volume, wide_tent(volume))
-    camera = replace(
-        outside(volume.box), eye=(20.0, -0.5, 20.0), target=(40.0, 14.5, 20.0), fov_y_degrees=70.0
+@pytest.mark.parametrize(("way", "by_compute"), [((0.0, 1.0, 0.0), 1), ((1.0, 0.0, 0.0), 0)])
+def test_a_box_that_reaches_behind_the_eye_is_seen_as_by_the_pipeline(
+    gl: moderngl.Context, way: tuple[float, float, float], by_compute: int
+) -> None:
+    """Two parallel planes of triangles, the eye between them: one is behind it, or both reach past it."""
+    edge = 17
+    values = np.broadcast_to(np.abs(np.arange(edge) - 8.0)[None, :, None], (edge, edge, edge))
+    volume = Volume(np.ascontiguousarray(values), origin=(40.0, 0.0, 0.0))
+    scene = scene_of(volume, TransferFunction([], [Isosurface(5.25, (1.0, 0.5, 0.0), 0.5)]))
+    centre = volume.box.centre
+    eye = centre + np.array([0.1, 0.2, -9.0])  # beside the box: an eye inside of it is drawn in two passes
+    camera = Camera(
+        projection=Projection.PERSPECTIVE,
+        eye=tuple(eye.tolist()),
+        target=tuple((eye + np.array(way) + np.array([0.0, 0.0, 0.3])).tolist()),
+        up=(0.0, 0.0, 1.0),
+        fov_y_degrees=70.0,
     )
     with ABuffer(gl, scene) as abuffer:
         expected, before = abuffer.render(camera, SIZE, FRAGMENT)
         found, after = abuffer.render(camera, SIZE, COMPUTE)
-    assert after.fragments == before.fragments > 1000
+    assert after.compute_tiles == by_compute
+    assert after.fragments == before.fragments > 500
     assert np.quantile(np.abs(found - expected).max(axis=-1), 0.999) < 1e-4
+
+
+def test_masked_cells_are_left_to_the_pipeline(gl: moderngl.Context) -> None:
+    samples = nucleon().array.astype(np.float64)
+    samples[:4] = np.nan
+    volume = Volume(samples)
+    plan = plan_isovalues(wide_tent(nucleon()), volume.value_range, per_slope=3)
+    scene = Scene.build(extract_surfaces(volume, plan.isovalues, nan_masked=True), plan)
+    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    with ABuffer(gl, scene) as abuffer:
+        expected, _ = abuffer.render(camera, SIZE, FRAGMENT)
+        found, statistics = abuffer.render(camera, SIZE, COMPUTE)
+    assert statistics.compute_tiles == 0
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_from_the_first_unsuited_tile_on_the_pipeline_draws_all(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = nucleon()
+    scene = scene_of(volume, wide_tent(volume))
+    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    with ABuffer(gl, scene) as abuffer:
+        expected, before = abuffer.render(camera, SIZE, replace(FRAGMENT, fragment_budget_bytes=1 << 16))
+        build, calls = abuffer._builder._build_by_compute, iter((True, False))
+
+        def build_one(tile: Tile, frame: PictureFrame) -> np.void | None:
+            counters = build(tile, frame)
+            frame.unsuited = not next(calls)  # a third call would end the iteration
+            return None if frame.unsuited else counters
+
+        monkeypatch.setattr(abuffer._builder, "_build_by_compute", build_one)
+        found, after = abuffer.render(camera, SIZE, replace(COMPUTE, fragment_budget_bytes=1 << 16))
+    assert after.fragments == before.fragments
+    assert after.compute_tiles == 1
+    assert after.tiles == before.tiles > 2
+    assert np.quantile(np.abs(found - expected).max(axis=-1), 0.999) < 1e-4
+
+
+def test_several_dispatches_make_the_same_picture(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = nucleon()
+    scene = scene_of(volume, wide_tent(volume))
+    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    pictures = []
+    for most in (65535, 3):
+        monkeypatch.setattr(triangle_raster, "MOST_GROUPS", most)
+        with ABuffer(gl, scene) as abuffer:
+            pictures.append(abuffer.render(camera, SIZE, COMPUTE)[0])
+    np.testing.assert_array_equal(pictures[1], pictures[0])
+
+
+def test_buffers_beyond_a_storage_block_are_left_to_the_pipeline(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = nucleon()
+    scene = scene_of(volume, wide_tent(volume))
+    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    largest = replace(limits(gl), storage_block_bytes=1 << 16)
+    with ABuffer(gl, scene) as abuffer:
+        expected, _ = abuffer.render(camera, SIZE, FRAGMENT)
+        monkeypatch.setattr(triangle_raster, "limits", lambda _: largest)
+        found, statistics = abuffer.render(camera, SIZE, COMPUTE)
+    assert statistics.compute_tiles == 0
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_what_lies_behind_the_eye_is_left_out(gl: moderngl.Context) -> None:
