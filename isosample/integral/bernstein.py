@@ -12,11 +12,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from isosample.compiled import compiled
 
 if TYPE_CHECKING:
+    import numpy as np
     import numpy.typing as npt
 
     F64 = npt.NDArray[np.float64]
