@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.scene import Scene
-from isosample.rendering.settings import RenderSettings, ResolveStage
+from isosample.rendering.settings import BuildStage, RenderSettings, ResolveStage
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
@@ -22,6 +22,8 @@ from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from isosample.rendering.frame_statistics import FrameStatistics
 
 
@@ -74,14 +76,25 @@ def cases(*, quick: bool) -> list[Case]:
     for stage in (ResolveStage.FRAGMENT, ResolveStage.COMPUTE):
         variants[f"512², {stage.value} stage"] = RenderSettings(stage=stage)
     rows += [Case(name, tents, camera, 512, settings) for name, settings in variants.items()]
+    rows += _by_both([Case(f"41³, 5 per slope, {edge}²", tents, camera, edge) for edge in (512, 1024)])
     for per_slope in (1, 17):
         scene, view = two_tents(41, per_slope)
         rows.append(Case(f"512², {per_slope} per slope", scene, view, 512))
     if not quick:
         rows.append(Case("two tents 128³, 512²", *two_tents(128, 5), 512))
+        rows += _by_both([Case("128³, 0 per slope, 512²", *two_tents(128, 0), 512)])
         rows.append(Case("30 layers, 1024²", *layers(30), 1024))
         rows.append(Case("200 layers, 512²", *layers(200), 512))
     return rows
+
+
+def _by_both(cases: list[Case]) -> Iterator[Case]:
+    """Cases whose triangles the graphics pipeline rasterises, and compute shaders."""
+    for case in cases:
+        for stage in (BuildStage.FRAGMENT, BuildStage.COMPUTE):
+            words = "pipeline" if stage is BuildStage.FRAGMENT else "compute shaders"
+            settings = RenderSettings(build_stage=stage)
+            yield replace(case, name=f"{case.name}, rasterised by {words}", settings=settings)
 
 
 def report(*, quick: bool) -> str:
