@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from isosample.errors import CapacityError, LostFragmentsError
 from isosample.gl.ownership import Owner
-from isosample.rendering.device_scene import residual_column
 from isosample.rendering.fragment_lists import FragmentLists, decode_lists
 from isosample.rendering.frame import head_start
 from isosample.rendering.list_building import ListBuilder
@@ -193,7 +192,7 @@ class ABuffer:
         """Put the meshes of a picture on the GPU, if they fit; else every pass uploads them in batches."""
         meshes, budget = self._shared.scene.meshes, frame.settings.mesh_budget_bytes
         meshes.begin_picture(budget)
-        residual = residual_column(frame.curved) if frame.residuals else None
+        residual = frame.residual
         needed = np.any([one.shown for one in frame.passes], axis=0)
         rows = meshes.missing(needed, budget, residual)
         if len(rows):

@@ -88,10 +88,10 @@ class ListBuilder:
             return self._split(tile, frame), 0
         counters, rasterised, by_compute = self._build(tile, frame)
         asked = int(counters["node_count"])
-        if (
-            by_compute and counted and asked > self._shared.pool.capacity
-        ):  # more than the pipeline has counted
-            frame.unsuited = True
+        if by_compute and counted and asked > self._shared.pool.capacity:
+            frame.unsuited = (
+                True  # more than the pipeline has counted: only that one's lists are known to fit
+            )
             return [tile], 0
         if rasterised == QUERY_SATURATED or asked > self._shared.pool.capacity:
             needed = max(asked, rasterised)
@@ -125,13 +125,9 @@ class ListBuilder:
                     return counters, int(counters["rasterised"]), True
             self._shared.pool.clear_lists(tile)
             self._shared.bind(tile, frame)
-            constants = {
-                "SHADING": frame.shading,
-                "CURVED": int(frame.curved),
-                "RESIDUAL": int(frame.residuals),
-            }
             edges = {"SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits}
-            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants | edges, edges)
+            constants = frame.build_constants | edges
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants, edges)
             self._shared.ctx.memory_barrier()
             return self._shared.pool.counters(), rasterised, False
 

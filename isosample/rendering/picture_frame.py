@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from isosample.rendering.culling import Culling
 from isosample.rendering.detail_choice import DetailChoice
+from isosample.rendering.device_scene import residual_column
 from isosample.rendering.frame import frame_block
 from isosample.rendering.frame_statistics import FrameStatistics
 
@@ -56,6 +57,16 @@ class PictureFrame:
     def shading(self) -> int:
         """Of the shaders: whether the picture is lit."""
         return int(self.settings.material is not None)
+
+    @property
+    def residual(self) -> int | None:
+        """Column of the residuals that the build pass reads; None where it reads none."""
+        return residual_column(self.curved) if self.residuals else None
+
+    @property
+    def build_constants(self) -> dict[str, int]:
+        """Of the shaders that append crossings to the lists."""
+        return {"SHADING": self.shading, "CURVED": int(self.curved), "RESIDUAL": int(self.residuals)}
 
 
 class PictureFrames:
