@@ -14,7 +14,6 @@ import numpy.typing as npt
 from isosample.errors import CapacityError
 from isosample.gl.context import is_software, limits
 from isosample.gl.memory import with_room
-from isosample.rendering.device_scene import residual_column
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import BuildStage
 from isosample.rendering.supplies import project_supply, raster_supply
@@ -35,9 +34,7 @@ Bool = npt.NDArray[np.bool_]
 WORK_GROUP = 64  # local size of both shaders
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
 MOST_GROUPS = 65535  # of one dispatch along x: what every OpenGL allows
-LARGEST_CELL = (
-    24.0  # of the volume in the picture [pixel]: the triangles of larger ones the pipeline fills faster
-)
+LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs no such images."
 
@@ -90,13 +87,11 @@ class TriangleRaster:
     def build(self, frame: PictureFrame, passes: Sequence[Pass]) -> bool:
         """Append all crossings of a tile, which is bound, to its lists; False where there is no room for that."""
         shown = np.any([one.shown for one in passes], axis=0)
-        residual = None
-        if frame.residuals:
-            residual = residual_column(frame.curved)
         budget = frame.settings.mesh_budget_bytes
-        for batch in self._shared.scene.meshes.batches(shown, budget, residual):
+        for batch in self._shared.scene.meshes.batches(shown, budget, frame.residual):
             if not self._has_room(batch, frame):
                 return False
+            self._bind_images()  # also where they are projected already: others may have drawn since the last tile
             if self._projected is None or self._projected[0] is not batch or self._projected[1] is not frame:
                 self._project(batch, frame)
                 self._projected = (batch, frame)
@@ -151,7 +146,6 @@ class TriangleRaster:
 
     def _project(self, batch: Batch, frame: PictureFrame) -> None:
         """Project the vertices of a batch."""
-        self._bind_images()
         program = self._shared.programs.compute("project.comp", project_supply(), CURVED=int(frame.curved))
         batch.bind_vertices(shared_constants()["BINDING_VERTICES"])
         program["vertex_count"] = batch.vertex_count
@@ -163,9 +157,7 @@ class TriangleRaster:
     def _rasterise(self, batch: Batch, frame: PictureFrame, shown: Bool) -> None:
         """Rasterise the triangles of a batch, level by level."""
         constants = {
-            "SHADING": frame.shading,
-            "CURVED": int(frame.curved),
-            "RESIDUAL": int(frame.residuals),
+            **frame.build_constants,
             "PERSPECTIVE": int(frame.block[0]["perspective"] != 0.0),
             "SUBPIXEL_BITS": SUBPIXEL_BITS,
         }

@@ -61,6 +61,12 @@ def outside(box: Box) -> Camera:
     )
 
 
+def nucleon_seen() -> tuple[Scene, Camera]:
+    """The scene of most tests, and a camera that has all of it in the picture."""
+    volume = nucleon()
+    return scene_of(volume, wide_tent(volume)), Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+
+
 def cameras(box: Box) -> dict[str, Camera]:
     return {"parallel": Camera.orbit(box, azimuth=31.0, elevation=22.0), "perspective": outside(box)}
 
@@ -241,9 +247,7 @@ def test_masked_cells_are_left_to_the_pipeline(gl: moderngl.Context) -> None:
 def test_from_the_first_unsuited_tile_on_the_pipeline_draws_all(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = nucleon()
-    scene = scene_of(volume, wide_tent(volume))
-    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    scene, camera = nucleon_seen()
     with ABuffer(gl, scene) as abuffer:
         expected, before = abuffer.render(camera, SIZE, replace(FRAGMENT, fragment_budget_bytes=1 << 16))
         build, calls = abuffer._builder._build_by_compute, iter((True, False))
@@ -261,12 +265,26 @@ def test_from_the_first_unsuited_tile_on_the_pipeline_draws_all(
     assert np.quantile(np.abs(found - expected).max(axis=-1), 0.999) < 1e-4
 
 
+def test_pictures_of_other_scenes_may_be_drawn_between_the_tiles(gl: moderngl.Context) -> None:
+    """Both project their vertices into images of their own, which are bound to the same units."""
+    scene, camera = nucleon_seen()
+    other = scene_of(nucleon(21), wide_tent(nucleon(21)))
+    settings = replace(COMPUTE, fragment_budget_bytes=1 << 16)
+    with ABuffer(gl, scene) as abuffer, ABuffer(gl, other) as between:
+        expected = list(abuffer.fragment_list_parts(camera, SIZE, settings))
+        found = []
+        for part in abuffer.fragment_list_parts(camera, SIZE, settings):
+            found.append(part)
+            assert between.render(camera, SIZE, COMPUTE)[1].compute_tiles == 1
+    assert len(found) == len(expected) > 2
+    for one, same in zip(found, expected, strict=True):
+        assert np.array_equal(np.sort(one.distances), np.sort(same.distances))
+
+
 def test_several_dispatches_make_the_same_picture(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = nucleon()
-    scene = scene_of(volume, wide_tent(volume))
-    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    scene, camera = nucleon_seen()
     pictures = []
     for most in (65535, 3):
         monkeypatch.setattr(triangle_raster, "MOST_GROUPS", most)
@@ -278,9 +296,7 @@ def test_several_dispatches_make_the_same_picture(
 def test_buffers_beyond_a_storage_block_are_left_to_the_pipeline(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = nucleon()
-    scene = scene_of(volume, wide_tent(volume))
-    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0)
+    scene, camera = nucleon_seen()
     largest = replace(limits(gl), storage_block_bytes=1 << 16)
     with ABuffer(gl, scene) as abuffer:
         expected, _ = abuffer.render(camera, SIZE, FRAGMENT)
