@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from isosample.cli import arguments, values
+from isosample.cli.cache_remedies import AGAIN, remedies
 from isosample.cli.console import say, say_fields, say_json, say_table, seconds
 from isosample.cli.parser import add_command
 from isosample.errors import InputError
@@ -122,20 +123,27 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
     """Write what is damaged and what is missing; return 1 where anything is damaged."""
     from isosample.cli import EXIT_FAILED
     from isosample.surfaces.cache_files import unfinished
-    from isosample.surfaces.cache_folders import has_scene, verify_folder
+    from isosample.surfaces.cache_folders import has_scene
+    from isosample.surfaces.cache_verification import verify_folder
 
     without_scene = [folder for folder in folders if not has_scene(folder)]
     start = time.perf_counter()
     verified = {folder: verify_folder(folder) for folder in folders}
     damaged = [(folder, chunk) for folder, found in verified.items() for chunk in found.damaged]
     incomplete = {folder: found for folder, found in verified.items() if found.pieces_missing}
+    told = [line for folder, found in verified.items() for line in remedies(folder, found)]
     if as_json:
         rows = [
             {"cache": str(folder), "path": str(chunk.path), "reason": chunk.reason}
             for folder, chunk in damaged
         ]
         missing = [
-            {"cache": str(folder), "pieces": found.pieces, "pieces_missing": found.pieces_missing}
+            {
+                "cache": str(folder),
+                "pieces": found.pieces,
+                "pieces_missing": found.pieces_missing,
+                "scene_pieces_missing": found.scene_missing,
+            }
             for folder, found in incomplete.items()
         ]
         say_json(
@@ -144,6 +152,7 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
                 "damaged": rows,
                 "incomplete": missing,
                 "unfinished": [str(folder) for folder in without_scene],
+                "remedies": told,
             }
         )
         return EXIT_FAILED if damaged else 0
@@ -151,19 +160,18 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
         say(f"damaged: {chunk.path}: {chunk.reason}")
     for folder, found in incomplete.items():
         lost = f"{thousands(found.pieces_missing)} of {counted(found.pieces, 'piece')}"
-        say(f"incomplete: {folder}: {lost} are not there (evicted or removed); run precompute again")
+        whose = f"{thousands(found.scene_missing)} of them of its scene"
+        say(f"incomplete: {folder}: {lost} are not there (evicted or removed), {whose}")
     for folder in without_scene:
         say(f"incomplete: {unfinished(folder)}")
+    for line in told:
+        say(line)
     summary = {
         "caches": str(len(folders)),
         "damaged files": thousands(len(damaged)),
         "incomplete": thousands(len({*incomplete, *without_scene})),
         "seconds": seconds(time.perf_counter() - start),
     }
-    if damaged:
-        summary["remedy"] = (
-            "isosample precompute with the same --cache extracts again what is damaged, and only that"
-        )
     say_fields(summary)
     return EXIT_FAILED if damaged else 0
 
@@ -197,8 +205,8 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
             say(f"{verb} {_meshes(entry.chunks)} ({byte_size(entry.size_bytes)}) of {folder}")
             if not pretend and scene_lacks(folder):
                 say(
-                    f"{folder} is now incomplete: its scene cannot be rendered until `isosample precompute` with the "
-                    "same volume and --cache has extracted again what was removed"
+                    f"{folder} is now incomplete: its scene cannot be rendered until {AGAIN} has extracted again what "
+                    "was removed"
                 )
     total, size = sum(entry.chunks for entry in pruned), sum(entry.size_bytes for entry in pruned)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})

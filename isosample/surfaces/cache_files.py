@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION = 3  # 3: one chunk per isovalue and brick; 2: reconstruction, refinement, residuals
 REMEDY = (
-    "Run `isosample precompute` again with the same --cache: only what is damaged or missing is made anew."
+    "Run `isosample precompute` again with the same volume, transfer function, options and --cache: only what is "
+    "damaged or missing is made anew."
 )
 OWNER_REMEDY = (  # of volume.json, which says whose a folder is and is never written over
     "Remove this one file and run `isosample precompute` again with the same volume and --cache; the meshes are kept."

@@ -1,20 +1,14 @@
-"""All cache folders of a place: what they hold, whether it is whole, and making room."""
+"""All cache folders of a place, and what they hold."""
 
 from __future__ import annotations
 
-import contextlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.errors import CacheError, InputError
-from isosample.surfaces.boundary_files import boundary_path, read_boundary
-from isosample.surfaces.cache_files import read_arrays, read_json
-from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder, DamagedChunk
-from isosample.surfaces.settings import ExtractionSettings
-from isosample.surfaces.surface_files import AbsentSurfaceError, read_rows, rows_of_arrays, surface_path
-from isosample.surfaces.volume_file import read_scene
+from isosample.errors import CacheError
+from isosample.surfaces.cache_files import read_json
+from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
 
@@ -53,23 +47,6 @@ class FolderSummary(NamedTuple):
     used: float
     finished: bool
     problem: str
-
-
-class FolderVerified(NamedTuple):
-    """What `verify_folder` found.
-
-    Attributes
-    ----------
-    damaged : tuple of DamagedChunk
-        Files that cannot be used, or that a scene needs and that are missing.
-    pieces, pieces_missing : int
-        Pieces of isosurfaces that are listed, and those whose chunk is not there, because it made room for others or
-        was removed. That is no damage: they are extracted again when they are needed.
-    """
-
-    damaged: tuple[DamagedChunk, ...]
-    pieces: int
-    pieces_missing: int
 
 
 def cache_folders(place: Path) -> list[Path]:
@@ -136,50 +113,6 @@ def folder_bytes(folder: Path) -> int:
         except FileNotFoundError:  # another process made room
             continue
     return total
-
-
-def verify_folder(folder: Path) -> FolderVerified:
-    """Read every file of a cache folder, and tell which are damaged, with the reason each, and what is missing."""
-    damaged: dict[Path, str] = {}
-    volume: dict[str, Any] = {}
-    with _noting(damaged, folder / "volume.json"):
-        volume = read_json(folder / "volume.json", "cache")
-    if has_scene(folder):  # else it was never rendered as a scene
-        with _noting(damaged, folder / "scene.json"):
-            _verify_scene(folder, read_scene(folder, volume.get("content_hash")), damaged)
-    listed: set[bytes] = set()
-    for path in sorted([*folder.glob("*.npz"), *folder.glob("surfaces/*.npz")]):
-        with _noting(damaged, path):
-            arrays, _ = read_arrays(path, {})
-            if path.parent.name == "surfaces":
-                listed.update(rows_of_arrays(arrays, path)["key"].tolist())
-    store = ChunkFolder(folder, read_only=True)
-    there = {key.encode() for key in store.keys()}  # noqa: SIM118  # a store is no mapping
-    files = (DamagedChunk(path, reason) for path, reason in damaged.items())
-    return FolderVerified((*files, *store.verify().damaged), len(listed), len(listed - there))
-
-
-def _verify_scene(folder: Path, scene: Mapping[str, Any], damaged: dict[Path, str]) -> None:
-    """Read what a scene and its details need, and hold it against the digests that the scene pins."""
-    for part in (scene, *scene.get("details", [])):
-        settings = ExtractionSettings.from_dict(part["settings"])
-        with _noting(damaged, boundary_path(folder, settings)):
-            read_boundary(folder, scene["content_hash"], settings, scene["boundary_sha256"])
-        detail = f", detail {settings.detail}," if settings.detail else ""
-        for entry in part["surfaces"]:
-            path, isovalue = surface_path(folder, entry["key"]), float.fromhex(entry["isovalue"])
-            with _noting(damaged, path, f"isosurface {isovalue!r}{detail} of scene.json is missing."):
-                read_rows(folder, entry["key"], isovalue, entry["sha256"])
-
-
-@contextlib.contextmanager
-def _noting(damaged: dict[Path, str], path: Path, absent: str | None = None) -> Iterator[None]:
-    """Note a file that turns out to be damaged, by its first reason; `absent` is told of a list that is missing."""
-    try:
-        yield
-    except (CacheError, InputError) as error:  # the latter where a scene has settings that are unknown here
-        told = absent if absent and isinstance(error, AbsentSurfaceError) else str(error)
-        damaged.setdefault(path, told)
 
 
 def scene_lacks(folder: Path) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import read_boundary
+from isosample.surfaces.cache_files import REMEDY
 from isosample.surfaces.cache_levels import load_pieces
 from isosample.surfaces.chunk_table import ChunkTable
 from isosample.surfaces.settings import ExtractionSettings, check_isovalues
@@ -110,10 +111,7 @@ def in_memory(stored: StoredSurfaces) -> SurfaceSet:
     for key, isovalue, mesh in zip(keys, table["isovalue"].tolist(), load_pieces(store, keys), strict=True):
         if mesh is None:
             what = store.reasons.get(key, f"{store.path(key)} is missing")
-            raise CacheError(
-                f"{what.rstrip('.')}, and isosurface {isovalue!r} with it. Run `isosample precompute` with this "
-                "--cache again: it extracts only what is not there."
-            )
+            raise CacheError(f"{what.rstrip('.')}, and isosurface {isovalue!r} with it. {REMEDY}")
         meshes.append(mesh)
     return SurfaceSet(
         geometry=stored.geometry,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from isosample.errors import CacheError, InputError
+from isosample.surfaces.cache_files import REMEDY
 from isosample.surfaces.mesh import Mesh, weld
 
 if TYPE_CHECKING:
@@ -107,8 +108,7 @@ class StoredSurfaces:
         if mesh is None:
             raise CacheError(
                 f"the piece of isosurface {float(row['isovalue'])!r} in brick {tuple(row['brick'].tolist())} is "
-                "missing or damaged. Run `isosample precompute` again with the same --cache: it extracts only what "
-                "is not there."
+                f"missing or damaged. {REMEDY}"
             )
         return mesh
 

@@ -88,3 +88,8 @@ def content(folder: Path) -> dict[str, bytes | None]:
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
         for path in sorted(folder.rglob("*"))
     }
+
+
+def chunks(folder: Path) -> list[Path]:
+    """Return the files of all chunks of a cache folder, sorted."""
+    return sorted(folder.glob("chunks/*/*.chunk"))

@@ -1,23 +1,18 @@
-"""`cache` lists, verifies and prunes the caches of meshes."""
+"""`cache` lists and prunes the caches of meshes."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
-from cli.harness import Run, content
+from cli.harness import Run, chunks, content
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-
-def chunks(folder: Path) -> list[Path]:
-    return sorted(folder.glob("chunks/*/*.chunk"))
 
 
 @pytest.mark.usefixtures("cache")
@@ -118,45 +113,6 @@ def test_the_cure_that_a_damaged_file_names_keeps_the_meshes(run: Run, cache: Pa
     again = run("precompute blob.npy --tf tf.json --cache meshes")
     assert again.fields()["levels"] == "13 (13 reused)"
     assert content(cache) == whole
-
-
-def test_verify_finds_every_kind_of_damage_and_changes_nothing(run: Run, cache: Path) -> None:
-    assert run("cache verify meshes").fields()["damaged files"] == "0"
-    first, second, third = chunks(cache)[:3]
-    data = first.read_bytes()
-    first.write_bytes(data[:-9] + bytes([data[-9] ^ 1]) + data[-8:])
-    second.write_bytes(second.read_bytes()[:50])
-    third.unlink()
-    listed = min(cache.glob("surfaces/*.npz"))
-    listed.write_bytes(listed.read_bytes()[:-40])
-    (cache / "boundary.npz").write_bytes(b"")
-    (cache / "scene.json").write_text("{}")
-    before = content(cache)
-    outcome = run("cache verify meshes")
-    assert outcome.status == 1
-    for path in (first, second, listed, cache / "boundary.npz", cache / "scene.json"):
-        assert f"damaged: meshes/{path.relative_to(cache)}: " in outcome.out
-    assert re.search(r"incomplete: meshes: 1 of \d+ pieces are not there \(evicted or removed\)", outcome.out)
-    assert third.stem not in outcome.out
-    assert content(cache) == before
-    found = json.loads(run("cache verify meshes --json").out)["damaged"]
-    assert len(found) == int(outcome.fields()["damaged files"]) >= 5
-
-
-def test_what_verify_names_precompute_puts_right(run: Run, cache: Path) -> None:
-    whole = content(cache)
-    first, second = chunks(cache)[:2]
-    first.write_bytes(first.read_bytes()[:50])
-    second.unlink()
-    assert run("cache verify meshes").status == 1
-    outcome = run("precompute blob.npy --tf tf.json --cache meshes")
-    assert outcome.status == 0
-    assert (
-        f"warning: 1 damaged chunk of meshes was extracted again; the first: meshes/chunks/{first.stem[:2]}"
-        in (outcome.err)
-    )
-    assert content(cache) == whole
-    assert run("cache verify meshes").status == 0
 
 
 def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) -> None:

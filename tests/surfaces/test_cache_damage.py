@@ -29,7 +29,7 @@ from isosample.surfaces.cache import (
     open_cache,
 )
 from isosample.surfaces.cache_files import read_json, write_arrays, write_json
-from isosample.surfaces.cache_folders import verify_folder
+from isosample.surfaces.cache_verification import verify_folder
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.store import MeshStore
 from isosample.surfaces.surface_files import listed_key, read_rows, surface_path, write_rows

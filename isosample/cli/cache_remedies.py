@@ -1,0 +1,53 @@
+"""What restores a cache folder: the command of the scene that needs what is damaged or missing, where it is known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isosample.wording import counted, thousands
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from isosample.surfaces.cache_verification import FolderVerified
+
+NAMED = 6  # isovalues that a remedy names
+AGAIN = "`isosample precompute` with the same volume, transfer function, options and --cache"
+
+
+def remedies(folder: Path, found: FolderVerified) -> list[str]:
+    """Return what to run for what is damaged or missing in a folder: one line per kind of scene that needs it."""
+    lines = []
+    if found.scene_needs:
+        lines.append(
+            f"remedy for the scene of {folder}{_scene(found)}: {AGAIN} makes anew what is damaged or missing, and only "
+            "that"
+        )
+    if found.others_need:
+        lines.append(
+            f"remedy for other scenes of {folder}, which need {_isosurfaces(found.others_need)}: the folder keeps "
+            "their meshes, but does not know their transfer functions; run the `isosample precompute` of each again, "
+            "with its own --tf and options"
+        )
+    if found.unlisted:
+        lines.append(
+            f"{counted(found.unlisted, 'damaged file')} of {folder} cannot be told to be of any scene: whichever "
+            "`isosample precompute` needs one makes it anew"
+        )
+    return lines
+
+
+def _scene(found: FolderVerified) -> str:
+    """Return what tells the folder's scene from others, where that can still be read."""
+    levels = found.scene_isovalues
+    if not levels:
+        return ""
+    span = f" from {levels[0]:.6g} to {levels[-1]:.6g}" if len(levels) > 1 else f" {levels[0]:.6g}"
+    return f" ({counted(len(levels), 'isosurface')}{span}{f' of {found.volume}' if found.volume else ''})"
+
+
+def _isosurfaces(isovalues: tuple[float, ...]) -> str:
+    """Return isovalues as people read them, the first few of many."""
+    named = ", ".join(repr(value) for value in isovalues[:NAMED])
+    more = f" and {thousands(len(isovalues) - NAMED)} more" if len(isovalues) > NAMED else ""
+    return f"{'isosurface' if len(isovalues) == 1 else 'isosurfaces'} {named}{more}"

@@ -1,0 +1,121 @@
+"""`cache verify` finds what is damaged or missing in the caches of meshes, and names what restores it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from cli.harness import TF, Run, chunks, content, write_json
+from isosample.surfaces.cache import open_cache
+from isosample.surfaces.cache_files import read_arrays
+from isosample.surfaces.chunk_folder import ChunkFolder
+from isosample.surfaces.surface_files import rows_of_arrays
+
+
+def test_verify_finds_every_kind_of_damage_and_changes_nothing(run: Run, cache: Path) -> None:
+    assert run("cache verify meshes").fields()["damaged files"] == "0"
+    first, second, third = chunks(cache)[:3]
+    data = first.read_bytes()
+    first.write_bytes(data[:-9] + bytes([data[-9] ^ 1]) + data[-8:])
+    second.write_bytes(second.read_bytes()[:50])
+    third.unlink()
+    listed = min(cache.glob("surfaces/*.npz"))
+    listed.write_bytes(listed.read_bytes()[:-40])
+    (cache / "boundary.npz").write_bytes(b"")
+    (cache / "scene.json").write_text("{}")
+    before = content(cache)
+    outcome = run("cache verify meshes")
+    assert outcome.status == 1
+    for path in (first, second, listed, cache / "boundary.npz", cache / "scene.json"):
+        assert f"damaged: meshes/{path.relative_to(cache)}: " in outcome.out
+    assert re.search(r"incomplete: meshes: 1 of \d+ pieces are not there \(evicted or removed\)", outcome.out)
+    assert third.stem not in outcome.out
+    assert content(cache) == before
+    found = json.loads(run("cache verify meshes --json").out)["damaged"]
+    assert len(found) == int(outcome.fields()["damaged files"]) >= 5
+
+
+def test_what_verify_names_precompute_puts_right(run: Run, cache: Path) -> None:
+    whole = content(cache)
+    first, second = chunks(cache)[:2]
+    first.write_bytes(first.read_bytes()[:50])
+    second.unlink()
+    assert run("cache verify meshes").status == 1
+    outcome = run("precompute blob.npy --tf tf.json --cache meshes")
+    assert outcome.status == 0
+    assert (
+        f"warning: 1 damaged chunk of meshes was extracted again; the first: meshes/chunks/{first.stem[:2]}"
+        in (outcome.err)
+    )
+    assert content(cache) == whole
+    assert run("cache verify meshes").status == 0
+
+
+def other_scene(run: Run) -> None:
+    """Make the folder's scene another one; what tf.json needed stays, and the scene that is there knows none of it."""
+    moved = {"points": [{**point, "value": point["value"] + 1} for point in TF["points"]]}
+    write_json(Path("other.json"), moved)
+    assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
+
+
+def chunk_of(folder: Path, isovalue: float) -> Path:
+    """The chunk of an isosurface of any scene that the folder held; blob.npy has one brick."""
+    lists = [rows_of_arrays(read_arrays(path, {})[0], path) for path in folder.glob("surfaces/*.npz")]
+    (key,) = [key for rows in lists for key in rows["key"][rows["isovalue"] == isovalue].tolist()]
+    return ChunkFolder(folder).path(key.decode())
+
+
+@pytest.mark.parametrize("harm", ["damage", "eviction"])
+def test_the_remedy_restores_the_scene_that_lacks_something(run: Run, cache: Path, harm: str) -> None:
+    """Of a scene that the folder held before, whose transfer function it does not know, as of the one that it holds."""
+    first = set(open_cache(cache).surfaces.isovalues.tolist())
+    other_scene(run)
+    second = set(open_cache(cache).surfaces.isovalues.tolist())
+    whole = content(cache)
+
+    def harmed(isovalue: float) -> str:
+        path = chunk_of(cache, isovalue)
+        if harm == "damage":
+            path.write_bytes(path.read_bytes()[:50])
+        else:
+            path.unlink()
+        outcome = run("cache verify meshes")
+        assert outcome.status == (1 if harm == "damage" else 0)
+        return outcome.out
+
+    gone = max(first - second)
+    told = harmed(gone)
+    assert "remedy for the scene of meshes" not in told
+    assert f"remedy for other scenes of meshes, which need isosurface {gone!r}" in told
+    assert "does not know their transfer functions" in told
+    assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
+    told = run("cache verify meshes").out  # what restores the one leaves the other
+    assert "remedy for other scenes" in told
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    assert "remedy" not in run("cache verify meshes").out
+    assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
+    assert content(cache) == whole
+
+    told = harmed(max(second - first))
+    assert "remedy for other scenes" not in told
+    assert "remedy for the scene of meshes (13 isosurfaces from 21 to 81 of blob.npy)" in told
+    assert "same volume, transfer function, options and --cache" in told
+    assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
+    assert content(cache) == whole
+
+
+def test_damage_that_no_scene_is_known_to_need_is_told_as_that(run: Run, cache: Path) -> None:
+    """A piece whose list is damaged, too, of which the list is the scene's still; and a list of no scene."""
+    lists = sorted(cache.glob("surfaces/*.npz"))
+    rows = rows_of_arrays(read_arrays(lists[0], {})[0], lists[0])
+    path = ChunkFolder(cache).path(rows["key"][0].decode())
+    for harmed in (lists[0], path):
+        harmed.write_bytes(harmed.read_bytes()[:50])
+    remedies = json.loads(run("cache verify meshes --json").out)["remedies"]
+    assert [line.split(" of meshes")[0] for line in remedies] == ["remedy for the scene", "1 damaged file"]
+    (cache / "scene.json").unlink()
+    remedies = json.loads(run("cache verify meshes --json").out)["remedies"]
+    assert [line.split(" of meshes")[0] for line in remedies] == ["2 damaged files"]
