@@ -24,7 +24,7 @@ isosample cache ls
 isosample cache verify meshes_cache/head-1f3a9c07
 isosample cache prune --budget 2GiB"""
 ACTIONS = {
-    "ls": "list the caches with their sizes",
+    "ls": "list the caches with their sizes, and whether they are complete",
     "verify": "decode every file, and name what is damaged (exit status 1), was evicted or is not finished",
     "prune": "remove the meshes that were used longest ago, down to --budget, and files left half-written",
 }
@@ -95,17 +95,18 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
         ]
         say_json({"caches": rows, "size_bytes": sum(entry.size_bytes for entry in found)})
         return 0
-    heads = ("cache", "volume", "samples", "isosurfaces", "details", "meshes", "size", "used")
+    heads = ("cache", "volume", "samples", "isosurfaces", "details", "meshes", "size", "used", "state")
     table = [
         [
             str(entry.folder),
             entry.name or "?",
             "x".join(str(count) for count in entry.size_xyz),
-            thousands(entry.isovalues) if entry.finished else "unfinished",
+            thousands(entry.isovalues) if entry.finished else "?",
             str(entry.details),
             thousands(entry.chunks),
             byte_size(entry.size_bytes),
             _ago(entry.used),
+            entry.state,
         ]
         for entry in found
     ]
@@ -115,6 +116,8 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
             say(f"cannot be used: {entry.problem}")
         elif not entry.finished:
             say(f"incomplete: {unfinished(entry.folder)}")
+        elif entry.pieces_missing:
+            say(f"incomplete: {entry.folder}: {_lack(entry.pieces_missing)}")
     say(f"{counted(len(found), 'cache')}, {byte_size(sum(entry.size_bytes for entry in found))}")
     return 0
 
@@ -203,14 +206,17 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
             say(f"{verb} {files} ({byte_size(entry.leftover_bytes)}) of {folder}")
         if entry.chunks:
             say(f"{verb} {_meshes(entry.chunks)} ({byte_size(entry.size_bytes)}) of {folder}")
-            if not pretend and scene_lacks(folder):
-                say(
-                    f"{folder} is now incomplete: its scene cannot be rendered until {AGAIN} has extracted again what "
-                    "was removed"
-                )
+            if not pretend and (lacks := scene_lacks(folder)):
+                say(f"{folder} is now incomplete: {_lack(lacks)}")
     total, size = sum(entry.chunks for entry in pruned), sum(entry.size_bytes for entry in pruned)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0
+
+
+def _lack(pieces: int) -> str:
+    """Return what it means that a folder's scene lacks some pieces."""
+    what = f"{counted(pieces, 'piece')} of its scene {'is' if pieces == 1 else 'are'} not there (evicted or removed)"
+    return f"{what}: it cannot be rendered until {AGAIN} has extracted again what is missing"
 
 
 def _meshes(number: int) -> str:

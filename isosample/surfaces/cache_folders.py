@@ -32,8 +32,10 @@ class FolderSummary(NamedTuple):
         When a chunk was last used [s since 1970]; 0 where there is none.
     finished : bool
         Whether there is a scene: without one, `isosample precompute` was interrupted and will go on.
+    pieces_missing : int
+        Pieces that the scene, of all details, needs and that are not there: evicted, or removed.
     problem : str
-        Why the folder cannot be used; empty where it can.
+        Why the folder cannot be used; empty where it can, as far as that can be told without decoding a chunk.
     """
 
     folder: Path
@@ -46,7 +48,17 @@ class FolderSummary(NamedTuple):
     size_bytes: int
     used: float
     finished: bool
+    pieces_missing: int
     problem: str
+
+    @property
+    def state(self) -> str:
+        """In one word, what a picture from the folder alone comes to; `complete` where all that it needs is there."""
+        if self.problem:
+            return "unusable"
+        if not self.finished:
+            return "unfinished"
+        return "incomplete" if self.pieces_missing else "complete"
 
 
 def cache_folders(place: Path) -> list[Path]:
@@ -72,7 +84,7 @@ def cache_folders(place: Path) -> list[Path]:
 
 def summarise(folder: Path) -> FolderSummary:
     """Look through a cache folder; nothing is decoded."""
-    name, problem = "", ""
+    name, problem, missing = "", "", 0
     size_xyz: tuple[int, ...] = ()
     scene: dict[str, Any] = {"surfaces": []}
     finished = has_scene(folder)
@@ -81,6 +93,7 @@ def summarise(folder: Path) -> FolderSummary:
         name, size_xyz = volume["name"], tuple(volume["geometry"]["size_xyz"])
         if finished:
             scene = read_json(folder / "scene.json", "scene")
+            missing = scene_lacks(folder)
     except CacheError as error:
         problem = str(error)
     chunks = ChunkFolder(folder, read_only=True).chunks()
@@ -95,6 +108,7 @@ def summarise(folder: Path) -> FolderSummary:
         size_bytes=folder_bytes(folder),
         used=chunks[-1].used if chunks else 0.0,
         finished=finished,
+        pieces_missing=missing,
         problem=problem,
     )
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from cli.harness import Run, chunks, content
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from cli.harness import TF, Run, chunks, content, write_json
+from isosample.surfaces.cache import open_cache
+from isosample.surfaces.chunk_folder import ChunkFolder
 
 
 @pytest.mark.usefixtures("cache")
@@ -26,8 +25,19 @@ def test_ls_tells_what_each_cache_holds(run: Run, cache: Path) -> None:
     assert entry["chunks"] == len(chunks(cache)) > 0
     assert entry["size_bytes"] == sum(len(data) for data in content(cache).values() if data)
     heads, row, total = outcome.out.splitlines()
-    assert heads.split() == ["cache", "volume", "samples", "isosurfaces", "details", "meshes", "size", "used"]
+    assert heads.split() == [
+        "cache",
+        "volume",
+        "samples",
+        "isosurfaces",
+        "details",
+        "meshes",
+        "size",
+        "used",
+        "state",
+    ]
     assert row.split()[:6] == ["meshes", "blob.npy", "10x9x8", "13", "0", str(entry["chunks"])]
+    assert (row.split()[-1], entry["pieces_missing"]) == ("complete", 0)
     assert total.startswith("1 cache, ")
 
 
@@ -47,6 +57,7 @@ def test_the_folder_of_all_caches_is_the_default(
     outcome = run("cache ls")
     assert outcome.status == 0
     assert "cannot be used: all/two/volume.json has format version 2" in outcome.out
+    assert [row.split()[-1] for row in outcome.out.splitlines()[1:3]] == ["complete", "unusable"]
 
 
 def test_ls_counts_isosurfaces_and_their_details_apart(run: Run) -> None:
@@ -54,6 +65,51 @@ def test_ls_counts_isosurfaces_and_their_details_apart(run: Run) -> None:
     entry = json.loads(run("cache ls coarse --json").out)["caches"][0]
     assert (entry["isovalues"], entry["details"], entry["surfaces"]) == (3, 2, 9)
     assert run("cache ls coarse").out.splitlines()[1].split()[3:5] == ["3", "2"]
+
+
+@pytest.mark.parametrize("details", ["", "--details 2"])
+def test_ls_marks_folders_whose_scene_lacks_meshes(run: Run, details: str) -> None:
+    """Which is what a picture from the folder alone needs, whatever is missing of scenes that were there before."""
+    words = f"precompute blob.npy --tf tf.json --per-slope 0 {details} --cache meshes"
+    assert run(words).status == 0
+    folder = Path("meshes")
+    there = chunks(folder)
+    max(scene_chunks(folder)).unlink()
+    entry = json.loads(run("cache ls meshes --json").out)["caches"][0]
+    assert (entry["pieces_missing"], entry["chunks"], entry["finished"]) == (1, len(there) - 1, True)
+    outcome = run("cache ls meshes")
+    assert outcome.status == 0
+    assert outcome.out.splitlines()[1].split()[-1] == "incomplete"
+    assert (
+        "incomplete: meshes: 1 piece of its scene is not there (evicted or removed): it cannot be rendered"
+        in (outcome.out)
+    )
+    assert "is missing" in run("render meshes -o out.png --size 16x16").err
+    assert run(words).status == 0
+    assert run("cache ls meshes").out.splitlines()[1].split()[-1] == "complete"
+
+    write_json(Path("other.json"), {"points": TF["points"][:2]})
+    assert run(words.replace("tf.json", "other.json")).status == 0
+    for path in set(chunks(folder)) - scene_chunks(folder):
+        path.unlink()
+    assert run("cache ls meshes").out.splitlines()[1].split()[-1] == "complete"
+    assert run("cache verify meshes").fields()["incomplete"] == "1"
+
+
+def scene_chunks(folder: Path) -> set[Path]:
+    """The files of all chunks that the folder's scene needs."""
+    tables = [one.chunk_table for one in open_cache(folder).surfaces.by_detail]
+    store = ChunkFolder(folder)
+    return {store.path(key.decode()) for table in tables for key in table["key"].tolist()}
+
+
+def test_ls_tells_of_a_scene_whose_lists_are_damaged(run: Run, cache: Path) -> None:
+    listed = min(cache.glob("surfaces/*.npz"))
+    listed.write_bytes(listed.read_bytes()[:-40])
+    outcome = run("cache ls meshes")
+    assert outcome.status == 0
+    assert outcome.out.splitlines()[1].split()[-1] == "unusable"
+    assert f"cannot be used: meshes/surfaces/{listed.name} is damaged" in outcome.out
 
 
 def interrupt(monkeypatch: pytest.MonkeyPatch, run: Run, words: str) -> None:
@@ -90,7 +146,8 @@ def test_an_interrupted_cache_is_told_as_such_and_goes_on(
     assert f"incomplete: {told}" in verified.out
     assert json.loads(run("cache verify half --json").out)["unfinished"] == ["half"]
     listed = run("cache ls half")
-    assert listed.out.splitlines()[1].split()[3] == "unfinished"
+    assert listed.out.splitlines()[1].split()[3] == "?"
+    assert listed.out.splitlines()[1].split()[-1] == "unfinished"
     assert f"incomplete: {told}" in listed.out
     assert not json.loads(run("cache ls half --json").out)["caches"][0]["finished"]
     finished = run(f"precompute {words}")
@@ -131,7 +188,8 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert outcome.status == 0
     assert outcome.fields()["removed"].startswith("3 meshes, ")
     assert (
-        "meshes is now incomplete: its scene cannot be rendered until `isosample precompute`" in outcome.out
+        "meshes is now incomplete: 3 pieces of its scene are not there (evicted or removed): it cannot be "
+        "rendered until `isosample precompute`" in outcome.out
     )
     assert chunks(cache) == there[3:]
     assert json.loads(run("cache prune meshes --budget 1GiB --json").out)["bytes_left"] == budget
