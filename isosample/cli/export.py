@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,14 @@ def _simplified(mesh: Mesh, surfaces: SurfaceSet, args: argparse.Namespace) -> S
     """Return the mesh with as few triangles as asked for."""
     from isosample.surfaces.simplify import simplify
 
-    return simplify(mesh, surfaces.geometry, ratio=args.simplify, max_deviation=args.max_deviation)
+    with progress_bars() as progress:
+        return simplify(
+            mesh,
+            surfaces.geometry,
+            ratio=args.simplify,
+            max_deviation=args.max_deviation,
+            progress=partial(progress, "simplify"),
+        )
 
 
 def _share(text: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,14 +13,13 @@ from isosample.errors import InputError, MissingDependencyError
 from isosample.surfaces.mesh import Mesh
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from isosample.volume.geometry import GridGeometry
 
 F64 = npt.NDArray[np.float64]
 
-SAMPLES = (
-    100_000,
-    2_000_000,
-)  # points on a mesh whose distance is measured, besides its vertices: least, most
+SAMPLES = (100_000, 2_000_000)  # points that are measured besides the vertices: least, most
 SAMPLES_PER_TRIANGLE = 8
 LEAST_TRIANGLES = 4  # a tetrahedron
 REFINEMENTS = 5  # halvings of the interval of ratios, in their logarithm, for a largest deviation
@@ -73,6 +73,7 @@ def simplify(
     *,
     ratio: float | None = None,
     max_deviation: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Simplified:
     """Return a mesh with fewer triangles by edge collapses, and its measured distance from the original.
 
@@ -86,6 +87,8 @@ def simplify(
     max_deviation : float
         In place of `ratio`: as few triangles as a search finds whose measured Hausdorff distance is at most so
         large [voxel], > 0. The mesh as it is if there are none.
+    progress : callable, optional
+        Called with steps done and steps in all; of a search, the most that are still to come.
 
     Returns
     -------
@@ -110,19 +113,17 @@ def simplify(
     before = len(mesh.triangles)
     if before <= LEAST_TRIANGLES:
         return Simplified(mesh=mesh, triangles_before=before, deviation=Deviation())
-    work = _Work.of(mesh, geometry)
+    work = _Work.of(mesh, geometry, _Steps(progress))
     if ratio is not None:
-        found = work.collapse(max(round(ratio * before), LEAST_TRIANGLES))
-        chosen = found, work.measure(found)
+        work.steps.expect(1)
+        chosen = work.tried(max(round(ratio * before), LEAST_TRIANGLES), work.shape)
     else:
         assert max_deviation is not None
         chosen = work.search(max_deviation)
+    work.steps.expect(0)
     shape, deviation = chosen
-    return Simplified(
-        mesh=work.mesh_of(shape) if shape is not work.shape else mesh,
-        triangles_before=before,
-        deviation=deviation,
-    )
+    left = work.mesh_of(shape) if shape is not work.shape else mesh
+    return Simplified(mesh=left, triangles_before=before, deviation=deviation)
 
 
 def check_target(ratio: float | None, max_deviation: float | None) -> None:
@@ -152,6 +153,28 @@ class _Shape:
     triangles: npt.NDArray[np.int32]
 
 
+@dataclass(slots=True)
+class _Steps:
+    """Tells how far the work has come: a trial is two steps, a collapse and a measurement."""
+
+    progress: Callable[[int, int], None] | None
+    done: int = 0
+    total: int = 0
+
+    def expect(self, trials: int) -> None:
+        """Take how many trials are still to come at most."""
+        self.total = self.done + 2 * trials
+        self._tell()
+
+    def step(self) -> None:
+        self.done += 1
+        self._tell()
+
+    def _tell(self) -> None:
+        if self.progress is not None and self.total:
+            self.progress(self.done, self.total)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Work:
     """A mesh as MeshLab takes it, near the origin and of the size of its voxels."""
@@ -161,18 +184,27 @@ class _Work:
     centre: F64
     scale: float
     index_from_shape: F64
+    steps: _Steps
 
     @classmethod
-    def of(cls, mesh: Mesh, geometry: GridGeometry) -> _Work:
+    def of(cls, mesh: Mesh, geometry: GridGeometry, steps: _Steps) -> _Work:
         centre = geometry.box.centre
         scale = float(np.prod(geometry.spacing) ** (1.0 / 3.0))
         shape = _Shape((mesh.vertices - centre) / scale, mesh.triangles)
         index_from_shape: F64 = np.multiply(np.linalg.inv(geometry.world_from_index[:3, :3]), scale)
-        return cls(mesh, shape, centre, scale, index_from_shape)
+        return cls(mesh, shape, centre, scale, index_from_shape, steps)
 
-    def collapse(self, triangles: int, start: _Shape | None = None) -> _Shape:
+    def tried(self, triangles: int, start: _Shape) -> tuple[_Shape, Deviation]:
+        """Collapse a shape to so many triangles, and measure what comes of it."""
+        found = self.collapse(triangles, start)
+        self.steps.step()
+        deviation = self.measure(found)
+        self.steps.step()
+        return found, deviation
+
+    def collapse(self, triangles: int, start: _Shape) -> _Shape:
         """Collapse edges until so many triangles are left, or topology and normals allow no more."""
-        meshes = _mesh_set(start or self.shape)
+        meshes = _mesh_set(start)
         meshes.meshing_decimation_quadric_edge_collapse(
             targetfacenum=triangles, preserveboundary=True, preservenormal=True, preservetopology=True
         )
@@ -208,8 +240,8 @@ class _Work:
         triangles = len(good.triangles) // 2
         refinements = 0
         while triangles > bad and refinements < REFINEMENTS:
-            found = self.collapse(triangles, good)
-            measured = self.measure(found)
+            self.steps.expect(_most_trials(len(good.triangles), bad, refinements))
+            found, measured = self.tried(triangles, good)
             if measured.hausdorff <= max_deviation and len(found.triangles) < len(good.triangles):
                 good, deviation = found, measured
                 stuck = len(found.triangles) > triangles
@@ -238,6 +270,13 @@ class _Work:
             gradients=gradients,
             triangles=shape.triangles,
         )
+
+
+def _most_trials(good: int, bad: int, refinements: int) -> int:
+    """How many trials a search makes at most from here on: halvings to the fewest triangles, and what lies between."""
+    if bad >= LEAST_TRIANGLES:
+        return REFINEMENTS - refinements
+    return math.ceil(math.log2(good / LEAST_TRIANGLES)) + REFINEMENTS - 1
 
 
 def _mesh_set(*shapes: _Shape) -> Any:

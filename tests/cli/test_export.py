@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cli.harness import Run, blob
+from isosample.cli import console
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,6 +77,16 @@ def test_a_simplified_mesh_tells_its_distance(run: Run) -> None:
     fields = run("export blob.npy --isovalue 50 --max-deviation 0.2 -o near.ply").fields()
     assert float(fields["Hausdorff distance"].split()[0]) <= 0.2
     assert int(fields["triangles"].replace(" ", "")) < whole["triangles"]
+
+
+@pytest.mark.parametrize("options", ["--simplify 0.5", "--max-deviation 0.2"])
+def test_simplification_tells_its_progress(run: Run, monkeypatch: pytest.MonkeyPatch, options: str) -> None:
+    pytest.importorskip("pymeshlab")
+    monkeypatch.setattr(console, "MOMENT", 0.0)
+    outcome = run(f"export blob.npy --isovalue 50 {options} -o near.ply")
+    assert outcome.status == 0
+    assert "isosample: simplify: 100 % after " in outcome.err
+    assert "simplify:" not in outcome.out
 
 
 @pytest.mark.parametrize(

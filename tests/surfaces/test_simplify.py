@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -83,6 +84,22 @@ def test_a_deviation_is_kept_and_used(allowed: float) -> None:
     assert open_edge_count(found.mesh.triangles) == 0
 
 
+@pytest.mark.parametrize(
+    "target", [{"ratio": 0.2}, {"max_deviation": 0.05}, {"max_deviation": 1e-9}, {"max_deviation": 50.0}]
+)
+def test_progress_is_told_from_the_start_to_the_end_and_never_falls_back(target: dict[str, Any]) -> None:
+    """By every collapse and every measurement, of which a search for a deviation makes a number that it finds out."""
+    pytest.importorskip("pymeshlab")
+    mesh, geometry = ball()
+    told: list[tuple[int, int]] = []
+    simplify(mesh, geometry, **target, progress=lambda done, total: told.append((done, total)))
+    assert told[0][0] == 0
+    assert told[-1][0] == told[-1][1] > 1
+    shares = [done / total for done, total in told]
+    assert shares == sorted(shares)
+    assert {later - earlier for (earlier, _), (later, _) in pairwise(told)} <= {0, 1}
+
+
 def test_a_deviation_that_allows_nothing_leaves_the_mesh_as_it_is() -> None:
     pytest.importorskip("pymeshlab")
     mesh, geometry = ball()
@@ -124,7 +141,7 @@ def test_an_open_mesh_keeps_its_border() -> None:
         ({"max_deviation": float("inf")}, "max_deviation inf"),
     ],
 )
-def test_impossible_targets_are_refused(target: dict[str, float], named: str) -> None:
+def test_impossible_targets_are_refused(target: dict[str, Any], named: str) -> None:
     mesh, geometry = ball()
     with pytest.raises(InputError, match=named):
         simplify(mesh, geometry, **target)
