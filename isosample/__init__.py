@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Projection as Projection
     from isosample.rendering.camera import UpAxis as UpAxis
     from isosample.rendering.film import Film as Film
+    from isosample.rendering.framing import visible_box as visible_box
     from isosample.rendering.image import Image as Image
     from isosample.rendering.method_choice import choose_method as choose_method
     from isosample.rendering.pipeline import Renderer as Renderer
@@ -104,6 +105,7 @@ _HOMES = {
     "render_surfaces": "rendering.pipeline",
     "step_for_tolerance": "rendering.step_search",
     "turntable": "rendering.turntable",
+    "visible_box": "rendering.framing",
 }
 
 __all__ = [

@@ -176,7 +176,13 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         type=values.zoom,
         metavar="F",
         help=f"magnification, {1 / values.LARGEST_ZOOM:g} to {values.LARGEST_ZOOM:g}; 1 "
-        "fits the box's bounding sphere (default 1)",
+        "fits the bounding sphere of --fit's box (default 1)",
+    )
+    group.add_argument(
+        "--fit",
+        choices=("volume", "visible"),
+        help="the box that the eye turns about and that fills the picture: all of the volume (default), or the cells "
+        "of which the transfer function shows something, whatever clip planes cut away",
     )
     group.add_argument(
         "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from isosample.cli.cameras import orbit
+from isosample.cli.cameras import framed_box, orbit
 from isosample.cli.console import note, say_fields
 from isosample.cli.methods import methods_left
 from isosample.cli.outputs import check_driver
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from isosample.rendering.camera import Camera
     from isosample.rendering.settings import RenderSettings
     from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
     from isosample.volume.macrocells import MacrocellGrid
 
@@ -34,12 +35,14 @@ WORTH_SECONDS, WORTH_FACTOR = 5.0, 3.0  # so much quicker another method must be
 class Opened:
     """A volume that was opened to choose a method for it, its transfer function and where that is from.
 
-    With bounds of the volume's field, where it was chosen by an estimate.
+    With the box that fills the picture, where no file places the camera, and bounds of the volume's field, where it was
+    chosen by an estimate.
     """
 
     volume: Volume
     transfer_function: TransferFunction
     tf_origin: str
+    box: Box
     macrocells: MacrocellGrid | None = None
 
 
@@ -89,7 +92,7 @@ def _estimate(
 
     check_volume_is_named(args)
     opened = _open(args)
-    box = opened.volume.box
+    box = opened.box
     quality = quality_of(args)
     found = choose_method(
         opened.volume,
@@ -139,7 +142,7 @@ def note_if_slow(args: argparse.Namespace, settings: RenderSettings, camera: Cam
     found = choose_method(
         volume,
         opened.transfer_function,
-        cameras=[camera or orbit(args, volume.box)],
+        cameras=[camera or orbit(args, opened.box)],
         size=args.size,
         settings=settings,
         quality=quality,
@@ -160,7 +163,8 @@ def _open(args: argparse.Namespace) -> Opened:
     given = load_transfer_function(args.tf)
     volume = open_source_volume(args, args.source)
     check_driver(args.size)
-    return Opened(volume, *transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked"))
+    tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
+    return Opened(volume, tf, origin, framed_box(args, volume, tf))
 
 
 def _tell(args: argparse.Namespace, choice: dict[str, object]) -> None:

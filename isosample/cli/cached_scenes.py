@@ -92,6 +92,7 @@ def scene_from_cache(
         tf_origin=str(tf_path or folder),
         seconds={"load": time.perf_counter() - start},
         mesh_distance=distance,
+        visible=own.visible if own is not None and tf == own.transfer_function else None,
     )
 
 

@@ -9,10 +9,15 @@ from isosample.errors import InputError
 if TYPE_CHECKING:
     import argparse
 
+    from isosample.cli.scenes import PreparedScene
     from isosample.rendering.camera import Camera
+    from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
 
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
+VISIBLE = "visible"
+PLACING_OPTIONS = (*ORBIT_OPTIONS, "fit")  # none of them goes with a camera file
 
 
 def camera_of(args: argparse.Namespace) -> Camera | None:
@@ -21,7 +26,7 @@ def camera_of(args: argparse.Namespace) -> Camera | None:
 
     if args.camera is None:
         return None
-    given = [name for name in ORBIT_OPTIONS if getattr(args, name) is not None]
+    given = [name for name in PLACING_OPTIONS if getattr(args, name) is not None]
     if given:
         raise InputError(
             f"--{given[0]} and --camera {args.camera} both place the camera; leave out one of them."
@@ -33,6 +38,40 @@ def azimuths(args: argparse.Namespace) -> list[float]:
     """Return the angles of ``--cameras`` views, evenly around the volume from ``--azimuth`` on [degree]."""
     count, first = args.cameras or 1, args.azimuth or 0.0
     return [first + 360.0 * number / count for number in range(count)]
+
+
+def framed_box(args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction) -> Box:
+    """Return the box that ``--fit`` asks for.
+
+    Raises
+    ------
+    InputError
+        If it is that of what is visible, and nothing is.
+    """
+    from isosample.rendering.framing import visible_box
+
+    return visible_box(volume, transfer_function) if args.fit == VISIBLE else volume.box
+
+
+def framed_scene_box(args: argparse.Namespace, scene: PreparedScene) -> Box:
+    """Return the box that ``--fit`` asks for, of meshes.
+
+    Raises
+    ------
+    InputError
+        If it is that of what is visible, and the scene does not tell it.
+    """
+    geometry = scene.surfaces.geometry
+    if args.fit != VISIBLE:
+        return geometry.box
+    if scene.visible is None:
+        raise InputError(
+            f"--fit visible: {args.source} does not tell where the transfer function shows something. A cache folder "
+            "tells it of its own scene, not of another --tf, and not where an older version made it: `isosample "
+            "precompute` with the same volume, --cache and this transfer function adds it. Or name the volume, or a "
+            "--camera."
+        )
+    return geometry.box_of(*scene.visible)
 
 
 def orbit(

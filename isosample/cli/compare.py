@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import arguments
-from isosample.cli.cameras import azimuths, camera_of, orbit
+from isosample.cli.cameras import azimuths, camera_of, framed_box, orbit
 from isosample.cli.compare_arguments import QUICK_SIZE, SIZE, add_picture_options, add_sweep_options
 from isosample.cli.compare_commands import render_command
 from isosample.cli.console import progress_bars, say, say_table, seconds
@@ -116,7 +116,9 @@ def run(args: argparse.Namespace) -> int:
     check_driver(size)
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     scene = _scene(args, volume.in_memory(), tf, size)
-    experiment = _experiment(args, scene, sweep, [fixed] if fixed else _around(args, volume.box, size))
+    experiment = _experiment(
+        args, scene, sweep, [fixed] if fixed else _around(args, framed_box(args, volume, tf), size)
+    )
     with progress_bars(begins=True) as progress:
         outcome = run_experiment(experiment, progress)
     document = write_report(

@@ -6,7 +6,7 @@ import shlex
 from typing import TYPE_CHECKING, Any
 
 from isosample.cli import values
-from isosample.cli.cameras import ORBIT_OPTIONS, azimuths
+from isosample.cli.cameras import PLACING_OPTIONS, azimuths
 from isosample.cli.methods import option
 from isosample.cli.sources import VOLUME_OPTIONS
 from isosample.defaults import DATA_CENTRIC, EXACT_PEAKS, PEAK_FINDING
@@ -68,7 +68,7 @@ def _view(args: argparse.Namespace, camera: int) -> list[str]:
     if args.camera is not None:
         return ["--camera", str(args.camera)]
     words = ["--azimuth", _number(azimuths(args)[camera])]
-    for name in ORBIT_OPTIONS:
+    for name in PLACING_OPTIONS:
         if name != "azimuth":
             words += _given(args, name)
     return words

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.cameras import orbit
+from isosample.cli.cameras import VISIBLE, framed_scene_box, orbit
 from isosample.cli.console import note, progress_bars
 from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
@@ -57,6 +57,7 @@ def run_data_centric(
 ) -> int:
     """Extract or load the meshes, render one picture or a film, write it, and sum up."""
     scene = _prepare(args, opened)
+    box = framed_scene_box(args, scene)
     if args.screen_error is not None and not scene.surfaces.details:
         note(
             f"--screen-error {args.screen_error:g} changes nothing: {args.source} has no coarser meshes; --details "
@@ -69,10 +70,10 @@ def run_data_centric(
 
         say_plan(scene.plan)
     if args.turntable is not None:
-        return _film(args, scene, settings, camera, log)
+        return _film(args, scene, settings, cameras_of(args, camera, box), log)
     errors = None
     with progress_bars() as progress, renderer(scene) as picture:
-        place = {"camera": camera or orbit(args, scene.surfaces.geometry.box), "size": args.size}
+        place = {"camera": camera or orbit(args, box), "size": args.size}
         place["settings"] = _within_tolerance(args, scene, picture, [place["camera"]], settings, progress)
         image = picture.render(**place, progress=progress)
         if args.strict:
@@ -95,11 +96,10 @@ def _film(
     args: argparse.Namespace,
     scene: PreparedScene,
     settings: RenderSettings,
-    camera: Camera | None,
+    cameras: list[Camera],
     log: FrameLog,
 ) -> int:
     """Turn about the scene, with its meshes uploaded once."""
-    cameras = cameras_of(args, camera, scene.surfaces.geometry.box)
     with renderer(scene) as picture:
         with progress_bars() as progress:
             settings = _within_tolerance(args, scene, picture, spread(cameras), settings, progress)
@@ -216,6 +216,7 @@ def _extract(
     """Plan and extract, with the cache folder where one is given; its first scene is kept in it."""
     from isosample.cli.scenes import scene_from_volume
     from isosample.cli.sources import quality_of
+    from isosample.rendering.framing import nothing_to_fit, visible_span
     from isosample.surfaces.cache import content_hash, write_cache
 
     quality = quality_of(args)
@@ -230,7 +231,12 @@ def _extract(
             cache=args.cache,
             progress=progress,
         )
-    if args.cache is not None and not (args.cache / "scene.json").exists():
+    is_first = args.cache is not None and not (args.cache / "scene.json").exists()
+    if is_first or args.fit == VISIBLE:
+        scene = replace(scene, visible=visible_span(volume, scene.transfer_function))
+    if args.fit == VISIBLE and scene.visible is None:
+        raise nothing_to_fit(volume)
+    if is_first:
         write_cache(
             args.cache,
             scene.surfaces,
@@ -239,5 +245,6 @@ def _extract(
             plan=scene.plan,
             name=volume.name,
             mesh_distance=scene.mesh_distance,
+            visible=scene.visible,
         )
     return scene

@@ -119,6 +119,7 @@ def precompute(
     progress: Progress,
 ) -> dict[str, int]:
     """Extract what the cache folder lacks and write the scene; return what was visited, skipped and written."""
+    from isosample.rendering.framing import visible_span
     from isosample.rendering.preparation import prepare_surfaces
     from isosample.rendering.quality import Quality
     from isosample.surfaces.cache import content_hash, write_cache
@@ -136,6 +137,7 @@ def precompute(
         transfer_function=tf,
         plan=plan,
         name=volume.name,
+        visible=visible_span(volume, tf),
     )
     took["write cache"] = time.perf_counter() - start
     found = surfaces.statistics

@@ -111,10 +111,13 @@ def precompute(
     from isosample.cli.cache_names import default_cache_folder
     from isosample.cli.scenes import scene_from_volume
     from isosample.cli.sources import quality_of
+    from isosample.rendering.framing import visible_span
     from isosample.surfaces.cache import content_hash, write_cache
+    from isosample.volume.scan import scan_volume
 
     quality = quality_of(args)
-    volume_hash = content_hash(volume)
+    scan = scan_volume(volume)
+    volume_hash = content_hash(volume, scan)
     folder = args.cache
     if folder is None:
         folder = default_cache_folder(volume, volume_hash)
@@ -141,6 +144,7 @@ def precompute(
         plan=scene.plan,
         name=volume.name,
         mesh_distance=scene.mesh_distance,
+        visible=visible_span(volume, scene.transfer_function, scan=scan),
     )
     return folder, scene
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.cameras import orbit
+from isosample.cli.cameras import framed_box, orbit
 from isosample.cli.console import progress_bars, say, say_fields, seconds
 from isosample.cli.methods import (
     NEEDS,
@@ -52,9 +52,10 @@ def run_raycast(
         volume = open_source_volume(args, args.source)
         check_driver(args.size)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+        box = framed_box(args, volume, tf)
     else:
         volume, tf, origin = opened.volume, opened.transfer_function, opened.tf_origin
-        macrocells = opened.macrocells
+        box, macrocells = opened.box, opened.macrocells
     empty_range = note_if_volume_is_empty(volume, tf, raycast.reconstruction)
     more: dict[str, Any] = {"source": str(args.source), "transfer_function": origin} | choice_statistics(args)
     fields: dict[str, str] = {}
@@ -66,7 +67,7 @@ def run_raycast(
         with prepared() as caster:
             empty = run_turntable(
                 args,
-                cameras_of(args, camera, volume.box),
+                cameras_of(args, camera, box),
                 lambda one, progress: caster.render(
                     camera=one, size=args.size, settings=settings, progress=progress
                 ),
@@ -78,7 +79,7 @@ def run_raycast(
         if not empty_range:
             empty.say_why(volume.box)
         return 0
-    camera = camera or orbit(args, volume.box)
+    camera = camera or orbit(args, box)
     with progress_bars() as progress, prepared() as caster:
         image = caster.render(camera=camera, size=args.size, settings=settings, progress=progress)
     image.save(args.output)

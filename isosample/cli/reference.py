@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isosample.cli.cameras import orbit
+from isosample.cli.cameras import framed_box, orbit
 from isosample.cli.console import progress_bars, say_fields, seconds
 from isosample.cli.methods import check_volume_is_named
 from isosample.cli.outputs import write_json
@@ -33,6 +33,7 @@ def run_reference(
     volume = open_source_volume(args, args.source)
     masked = args.nan == "masked"
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
+    box = framed_box(args, volume, tf)
     reconstruction = Reconstruction(args.reconstruction or "trilinear")
     empty_range = note_if_volume_is_empty(volume, tf, reconstruction)
     renderer = ReferenceRenderer(
@@ -41,7 +42,7 @@ def run_reference(
     if args.turntable is not None:
         empty = run_turntable(
             args,
-            cameras_of(args, camera, volume.box),
+            cameras_of(args, camera, box),
             lambda one, progress: renderer.render(
                 camera=one, size=args.size, settings=settings, progress=progress
             ),
@@ -53,7 +54,7 @@ def run_reference(
         if not empty_range:
             empty.say_why(volume.box)
         return 0
-    camera = camera or orbit(args, volume.box)
+    camera = camera or orbit(args, box)
     with progress_bars() as progress:
         image = renderer.render(camera=camera, size=args.size, settings=settings, progress=progress)
     image.save(args.output)

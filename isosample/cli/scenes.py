@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalues import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
+    from isosample.volume.shown_cells import Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,6 +39,8 @@ class PreparedScene:
         By stage.
     mesh_distance : float or None
         Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
+    visible : pair of 3 ints or None
+        First and last sample (x, y, z) of the box around what the transfer function shows, where that is known.
     """
 
     surfaces: SurfaceSet | StoredSurfaces
@@ -47,6 +50,7 @@ class PreparedScene:
     tf_origin: str
     seconds: dict[str, float]
     mesh_distance: float | None = None
+    visible: Span | None = None
 
 
 def scene_from_volume(

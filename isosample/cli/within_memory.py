@@ -36,8 +36,10 @@ def precompute_within(
     args: argparse.Namespace, volume: Volume, given: TransferFunction | None, memory: int
 ) -> tuple[Path, PreparedScene]:
     """Write the scene of a volume into its cache folder with a memory budget; return the folder and the scene."""
+    from isosample.rendering.framing import visible_span
     from isosample.rendering.stored_preparation import prepare_stored_surfaces
-    from isosample.surfaces.cache import claim_folder, content_hash, write_cache
+    from isosample.surfaces.cache import claim_folder, content_hash, known_visible, write_cache
+    from isosample.surfaces.memory import MemoryPlan
     from isosample.surfaces.out_of_core import SurfaceLists
 
     quality = quality_of(args)
@@ -50,6 +52,9 @@ def precompute_within(
         remember(volume, scan, folder)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
         note_if_volume_is_empty(volume, tf, quality.reconstruction)
+        visible = known_visible(folder, volume_hash, tf) or visible_span(
+            volume, tf, scan=scan, budget_bytes=MemoryPlan.of(memory).sample_bytes
+        )
         surfaces, plan, durations, distance = prepare_stored_surfaces(
             volume,
             tf,
@@ -70,6 +75,7 @@ def precompute_within(
         plan=plan,
         name=volume.name,
         mesh_distance=distance,
+        visible=visible,
     )
     scene = PreparedScene(
         surfaces=surfaces,

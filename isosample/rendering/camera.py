@@ -143,7 +143,7 @@ class Camera:
         Parameters
         ----------
         box : Box
-            Usually `volume.box`.
+            Usually `volume.box`, or `visible_box` of the volume and its transfer function.
         azimuth, elevation : float
             Degrees. At 0, 0 the eye is in front: with +y up on +z, looking along −z, with +x to the right; azimuth
             turns the eye towards +x, elevation upwards.

@@ -4,7 +4,7 @@
     boundary.npz            samples on its six faces, value range; boundary-cubic.npz etc.: of a reconstruction
     chunks/<k>/<key>.chunk  one isosurface in one brick; the key names the brick's content, isovalue and settings
     surfaces/<key>.npz      which chunks make up one isosurface, with their sizes and boxes
-    scene.json              transfer function, plan, and the surfaces that they need
+    scene.json              transfer function, plan, the surfaces that they need, and the cells that show something
 
 Every file is replaced whole, carries the format's version, and is checked when read. Chunks that are missing or
 damaged are extracted again, and only they; without the volume they are named, and never rendered.
@@ -44,6 +44,7 @@ from isosample.volume.bricks import bricks_of
 if TYPE_CHECKING:
     from isosample.surfaces.chunk_table import Rows
     from isosample.surfaces.mesh import BrickMesh
+    from isosample.volume.shown_cells import Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,6 +59,7 @@ class CachedScene:
     name : str
         Name of the volume.
     mesh_distance : float or None
+    visible : pair of 3 ints or None
         As of `write_cache`.
     """
 
@@ -66,6 +68,7 @@ class CachedScene:
     plan: IsovaluePlan
     name: str
     mesh_distance: float | None = None
+    visible: Span | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,6 +80,7 @@ class OpenedScene:
     plan: IsovaluePlan
     name: str
     mesh_distance: float | None = None
+    visible: Span | None = None
 
 
 def write_cache(
@@ -88,6 +92,7 @@ def write_cache(
     plan: IsovaluePlan,
     name: str = "volume",
     mesh_distance: float | None = None,
+    visible: Span | None = None,
 ) -> None:
     """Write a scene into a folder, next to surfaces of the same volume that are there already.
 
@@ -105,6 +110,8 @@ def write_cache(
         Name of the volume, for messages and titles.
     mesh_distance : float, optional
         Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
+    visible : pair of 3 ints, optional
+        First and last sample (x, y, z) of the box around what the transfer function shows (`visible_span`).
 
     Raises
     ------
@@ -130,6 +137,8 @@ def write_cache(
     }
     if mesh_distance is not None:
         scene["mesh_distance"] = mesh_distance
+    if visible is not None:
+        scene["visible"] = visible
     write_json(folder / "scene.json", "scene", scene)
 
 
@@ -168,6 +177,7 @@ def load_opened(opened: OpenedScene) -> CachedScene:
         plan=opened.plan,
         name=opened.name,
         mesh_distance=opened.mesh_distance,
+        visible=opened.visible,
     )
 
 
@@ -192,7 +202,28 @@ def open_cache(folder: str | Path) -> OpenedScene:
         plan=IsovaluePlan.from_dict(scene["plan"]),
         name=volume["name"],
         mesh_distance=scene.get("mesh_distance"),
+        visible=_span(scene),
     )
+
+
+def known_visible(folder: str | Path, content_hash: str, transfer_function: TransferFunction) -> Span | None:
+    """Return what the scene of a folder tells about where a transfer function shows something.
+
+    None where there is no scene of this volume and transfer function, or it does not tell.
+    """
+    try:
+        scene = read_scene(Path(folder), content_hash)
+    except CacheError:  # none, or none that can be used: it is written anew
+        return None
+    return _span(scene) if scene["transfer_function"] == transfer_function.to_dict() else None
+
+
+def _span(scene: dict[str, Any]) -> Span | None:
+    """Return the first and the last sample of what is visible; scenes of older folders do not tell."""
+    if "visible" not in scene:
+        return None
+    (a, b, c), (d, e, f) = scene["visible"]
+    return (a, b, c), (d, e, f)
 
 
 def _listed(folder: Path, store: MeshStore, key: str, isovalue: float) -> str | None:

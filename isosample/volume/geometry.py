@@ -125,10 +125,16 @@ class GridGeometry:
     @property
     def box(self) -> Box:
         """The oriented box from the first to the last sample [world]."""
-        last_index = np.array(self.size_xyz, dtype=np.float64) - 1
-        edges: F64 = (self.world_from_index[:3, :3] * last_index).T
+        x, y, z = (count - 1 for count in self.size_xyz)
+        return self.box_of((0, 0, 0), (x, y, z))
+
+    def box_of(self, first: tuple[int, int, int], last: tuple[int, int, int]) -> Box:
+        """The oriented box between two samples (x, y, z) of the grid [world]."""
+        matrix = self.world_from_index
+        edges: F64 = (matrix[:3, :3] * np.subtract(last, first, dtype=np.float64)).T
         return Box(
-            corner=np.asarray(self.origin, dtype=np.float64),
+            corner=np.asarray(self.origin, dtype=np.float64)
+            + matrix[:3, :3] @ np.asarray(first, dtype=np.float64),
             edges=np.ascontiguousarray(edges),
             patient_axes=self.patient_axes,
         )

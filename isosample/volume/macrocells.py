@@ -115,19 +115,7 @@ class MacrocellGrid:
         InputError
             If the array has another shape, or an interval ends before it begins.
         """
-        seen = np.asarray(intervals, dtype=np.float64)
-        if seen.size == 0:
-            return np.zeros(self.low.shape, dtype=np.bool_)
-        if seen.ndim != 2 or seen.shape[1] != 2:
-            raise InputError(f"intervals have shape {seen.shape}; expected (N, 2): first and last value.")
-        wrong = np.flatnonzero(~(seen[:, 0] <= seen[:, 1]))
-        if wrong.size:
-            raise InputError(f"intervals[{wrong[0]}] is {seen[wrong[0]].tolist()}; expected first <= last.")
-        starts, ends = _merged(seen)
-        first = np.searchsorted(ends, self.low)  # first interval that does not end below the macrocell
-        nearest = starts[np.minimum(first, len(starts) - 1)]
-        occupied: Bools = (first < len(starts)) & (nearest <= self.high)
-        return occupied
+        return ranges_meet(self.low, self.high, intervals)
 
     def leaps(self, occupied: Bools) -> Bytes:
         """How far one may leap from every macrocell in each of eight octants of directions.
@@ -184,6 +172,40 @@ class MacrocellGrid:
         most = LARGEST_MULTIPLIER
         whole = np.rint(2.0 / np.maximum(m, 2.0 / most) + 1.0)
         return cast("Bytes", np.minimum(whole, most).astype(np.uint8))
+
+
+def ranges_meet(low: F64, high: F64, intervals: npt.ArrayLike) -> Bools:
+    """Tell which ranges have a value in common with one of some intervals.
+
+    Parameters
+    ----------
+    low, high : (...) float64
+        Ends of the ranges, themselves included; one whose low end is NaN, or above its high end, is empty.
+    intervals : (N, 2) array_like of float
+        Closed intervals, in any order; they may overlap.
+
+    Returns
+    -------
+    meet : (...) bool
+
+    Raises
+    ------
+    InputError
+        If the array has another shape, or an interval ends before it begins.
+    """
+    seen = np.asarray(intervals, dtype=np.float64)
+    if seen.size == 0:
+        return np.zeros(low.shape, dtype=np.bool_)
+    if seen.ndim != 2 or seen.shape[1] != 2:
+        raise InputError(f"intervals have shape {seen.shape}; expected (N, 2): first and last value.")
+    wrong = np.flatnonzero(~(seen[:, 0] <= seen[:, 1]))
+    if wrong.size:
+        raise InputError(f"intervals[{wrong[0]}] is {seen[wrong[0]].tolist()}; expected first <= last.")
+    starts, ends = _merged(seen)
+    first = np.searchsorted(ends, low)  # first interval that does not end below the range
+    nearest = starts[np.minimum(first, len(starts) - 1)]
+    meet: Bools = (first < len(starts)) & (nearest <= high)
+    return meet
 
 
 def _grid_shape(volume: Volume, cells: int) -> Triple:

@@ -14,7 +14,7 @@ import pytest
 import isosample
 from cli.harness import TF, Run, write_json
 from isosample.cli import build_parser
-from isosample.cli.cameras import ORBIT_OPTIONS
+from isosample.cli.cameras import PLACING_OPTIONS
 from isosample.cli.compare_commands import SHARED, render_command
 from isosample.compare.false_color import shown
 
@@ -38,7 +38,7 @@ COMPARISONS = {
 OWN = {  # options that say what is compared, or that a command spells out for every entry
     "help", "debug", "output", "quick", "methods", "repeat", "per_slopes", "tolerances", "steps", "pixel_scales",
     "cameras", "size", "camera", "sampling", "adaptive", "peak_weight", "crossings", "details", "source",
-    *ORBIT_OPTIONS,
+    *PLACING_OPTIONS,
 }  # fmt: skip
 
 

@@ -1,0 +1,70 @@
+"""What a picture is framed by: the box of a volume, or the box of what the transfer function shows of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from isosample.errors import InputError
+from isosample.rendering.transfer_texture import visible_intervals
+from isosample.transfer.transfer_function import check_is_transfer_function
+from isosample.volume.grid import check_is_volume
+from isosample.volume.scan import SCAN_BUDGET
+from isosample.volume.shown_cells import shown_span
+
+if TYPE_CHECKING:
+    from isosample.transfer.transfer_function import TransferFunction
+    from isosample.volume.geometry import Box
+    from isosample.volume.grid import Volume
+    from isosample.volume.scan import BrickScan
+    from isosample.volume.shown_cells import Span
+
+
+def visible_box(volume: Volume, transfer_function: TransferFunction) -> Box:
+    """Smallest box of whole cells that holds all that a transfer function shows of a volume.
+
+    For `Camera.orbit`, in place of `volume.box`: what is visible fills the picture, and the eye keeps its distance
+    from the middle of it on all of a turn. Clip planes, light and opacity have no part in it.
+
+    Parameters
+    ----------
+    volume : Volume
+    transfer_function : TransferFunction
+
+    Returns
+    -------
+    box : Box
+        Of the cells in which the trilinear field has extinction, or meets an isosurface of the transfer function. The
+        smooth reconstructions may reach out of it, where they differ from that field.
+
+    Raises
+    ------
+    InputError
+        If the transfer function shows nothing of the volume, or an argument is of another type.
+    """
+    span = visible_span(volume, transfer_function)
+    if span is None:
+        raise nothing_to_fit(volume)
+    return volume.geometry.box_of(*span)
+
+
+def visible_span(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    *,
+    scan: BrickScan | None = None,
+    budget_bytes: int = SCAN_BUDGET,
+) -> Span | None:
+    """First and last sample (x, y, z) of `visible_box`; None where nothing is visible. As of `shown_span`."""
+    check_is_volume(volume)
+    check_is_transfer_function(transfer_function)
+    intervals = visible_intervals(transfer_function, isosurfaces=True)
+    return shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes)
+
+
+def nothing_to_fit(volume: Volume) -> InputError:
+    """Return the error of a picture that is to be filled by what is visible, where nothing is."""
+    low, high = volume.value_range
+    return InputError(
+        f"the transfer function shows nothing of {volume.name}, whose values go from {low:g} to {high:g}: there is "
+        "nothing to fit into the picture. Frame the volume's box (--fit volume), or change the transfer function."
+    )

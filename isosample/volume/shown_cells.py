@@ -1,0 +1,139 @@
+"""Where in a volume its field meets some values: the smallest box of whole cells around all of that."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
+from isosample.volume.macrocells import ranges_meet
+from isosample.volume.scan import SCAN_BUDGET
+from isosample.volume.windows import brick_windows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from isosample.volume.bricks import Brick, Triple
+    from isosample.volume.grid import F64, Volume
+    from isosample.volume.scan import BrickScan
+
+    Span = tuple[Triple, Triple]  # first and last sample (x, y, z), both included
+
+
+def shown_span(
+    volume: Volume,
+    intervals: npt.ArrayLike,
+    *,
+    scan: BrickScan | None = None,
+    budget_bytes: int = SCAN_BUDGET,
+) -> Span | None:
+    """Smallest box of whole cells in which the trilinear field has a value of some intervals.
+
+    Parameters
+    ----------
+    volume : Volume
+    intervals : (N, 2) array_like of float
+        Closed intervals of values, in data units, in any order; they may overlap.
+    scan : BrickScan, optional
+        Of this volume with bricks of `BRICK_CELLS`, where there is one: then only bricks at the border of the box are
+        read.
+    budget_bytes : int
+        Samples in memory at once, where they are not there already.
+
+    Returns
+    -------
+    span : pair of 3 ints, or None
+        First and last sample (x, y, z) of the box, both included; None where no cell has such a value. Cells with a
+        sample that is not finite have none.
+
+    Raises
+    ------
+    InputError
+        If the intervals are none, or the budget is too small for a single layer of a single brick.
+
+    Notes
+    -----
+    The trilinear field of a cell takes every value between the smallest and the largest of its eight samples, and no
+    other. Bricks whose range misses the intervals are not looked at, and of the others only those that reach out of
+    what is found: at first the outermost along each axis.
+    """
+    bricks = bricks_of(volume.size_xyz)
+    known = scan is not None and scan.brick_cells == BRICK_CELLS
+    ranges = scan.ranges if scan is not None and known else _ranges(volume, bricks, budget_bytes)
+    meet = ranges_meet(ranges[:, 0], ranges[:, 1], intervals)
+    left = [bricks[row] for row in np.flatnonzero(meet).tolist()]
+    found: list[Span] = []
+    while left:
+        outermost = _outermost(left)
+        for window in brick_windows(volume, outermost, budget_bytes=budget_bytes):
+            spans = (_shown_in(window.volume, outermost[row], intervals) for row in window.rows)
+            found.extend(span for span in spans if span is not None)
+        looked_at = {brick.index for brick in outermost}
+        around = _around(found)
+        left = [brick for brick in left if brick.index not in looked_at and not _holds(around, brick)]
+    return _around(found)
+
+
+def _ranges(volume: Volume, bricks: Sequence[Brick], budget_bytes: int) -> F64:
+    """(B, 2) float64, as `brick_ranges`, each chunk of a file being read once where the budget allows."""
+    ranges = np.empty((len(bricks), 2))
+    for window in brick_windows(volume, bricks, budget_bytes=budget_bytes):
+        rows = list(window.rows)
+        ranges[rows] = brick_ranges(window.volume, [bricks[row] for row in rows])
+    return ranges
+
+
+def _outermost(bricks: Sequence[Brick]) -> list[Brick]:
+    """Those bricks beyond which, along some axis, there are no others."""
+    places = np.array([brick.index for brick in bricks])
+    outer = ((places == places.min(axis=0)) | (places == places.max(axis=0))).any(axis=1)
+    return [bricks[row] for row in np.flatnonzero(outer).tolist()]
+
+
+def _shown_in(volume: Volume, brick: Brick, intervals: npt.ArrayLike) -> Span | None:
+    """`shown_span` of the cells of one brick."""
+    samples = np.array(volume.array[brick.slices], dtype=np.float64)
+    samples[~np.isfinite(samples)] = np.nan
+    low = high = samples
+    for axis in range(3):
+        low, high = _of_pairs(np.minimum, low, axis), _of_pairs(np.maximum, high, axis)
+    shown = ranges_meet(low, high, intervals)
+    if not shown.any():
+        return None
+    z, y, x = (np.flatnonzero(shown.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1)))
+    first = _triple(start + cells[0] for start, cells in zip(brick.start, (x, y, z), strict=True))
+    last = _triple(
+        min(start + cells[-1] + 1, stop)
+        for start, stop, cells in zip(brick.start, brick.stop, (x, y, z), strict=True)
+    )
+    return first, last
+
+
+def _of_pairs(ufunc: np.ufunc, values: F64, axis: int) -> F64:
+    """Of every sample and the next along an axis; an axis with a single sample has one cell."""
+    lines = np.moveaxis(values, axis, 0)
+    pairs: F64 = ufunc(lines[:-1], lines[1:]) if len(lines) > 1 else lines
+    return np.moveaxis(pairs, 0, axis)
+
+
+def _around(spans: Sequence[Span]) -> Span | None:
+    """The smallest span that holds all of some; None of none."""
+    if not spans:
+        return None
+    firsts, lasts = np.array(spans).swapaxes(0, 1)
+    return _triple(firsts.min(axis=0)), _triple(lasts.max(axis=0))
+
+
+def _holds(span: Span | None, brick: Brick) -> bool:
+    """Whether a brick lies in a span."""
+    if span is None:
+        return False
+    return bool(np.less_equal(span[0], brick.start).all() and np.less_equal(brick.stop, span[1]).all())
+
+
+def _triple(numbers: Iterable[int]) -> Triple:
+    x, y, z = (int(number) for number in numbers)
+    return x, y, z

@@ -1,0 +1,207 @@
+"""`--fit visible` fills the picture with what the transfer function shows, by every method and from every side."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+
+import isosample
+from cli.harness import Run, write_json
+from isosample.cli.methods import METHODS
+from isosample.compare.false_color import shown
+from isosample.surfaces.cache_files import read_json
+from isosample.surfaces.cache_files import write_json as write_checked
+
+pytestmark = pytest.mark.usefixtures("gl")
+
+SIZE = 60
+WHITE = [1, 1, 1]
+TENT = {"points": [{"value": v, "color": WHITE, "extinction": e} for v, e in ((0.5, 0), (0.75, 2), (2, 2))]}
+FIRST, LAST = np.array([12, 3, 5]), np.array([17, 8, 10])  # samples (x, y, z) of a cube of ones, in a corner
+RENDER = f"render cube.npy --tf tent.json --size {SIZE}x{SIZE} --fit visible"
+
+
+@pytest.fixture(autouse=True)
+def cube(folder: Path) -> isosample.Volume:
+    """cube.npy: ones from `FIRST` to `LAST`, zeros elsewhere; tent.json shows what is above 0.5."""
+    samples = np.zeros((40, 25, 20), dtype=np.float32)
+    samples[tuple(slice(a, b + 1) for a, b in zip(FIRST[::-1], LAST[::-1], strict=True))] = 1.0
+    np.save(folder / "cube.npy", samples)
+    write_json(folder / "tent.json", TENT)
+    return isosample.Volume(samples)
+
+
+def opacity(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+    found: np.ndarray[tuple[int, ...], np.dtype[np.float32]] = np.load(name)[..., 3]
+    return found
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_visible_is_in_the_middle_and_as_large_as_its_box(run: Run, method: str) -> None:
+    """The field falls to 0.5 half a cell beyond the ones, so that 6 cells are seen of a box of 7."""
+    outcome = run(f"{RENDER} --method {method} -o out.npy")
+    assert outcome.status == 0, outcome.err
+    for axis in (0, 1):
+        seen = np.flatnonzero(opacity("out.npy").any(axis=axis))
+        # The window is the diameter of the box's sphere, 7 sqrt(3); a pixel is seen where its centre is.
+        width = SIZE * 6.0 / (7.0 * math.sqrt(3.0))
+        assert abs(len(seen) - width) <= 1.0
+        assert abs((seen[0] + seen[-1] + 1) / 2 - SIZE / 2) <= 1.0
+    assert run(f"{RENDER} --method {method} --fit volume -o whole.npy").status == 0
+    assert opacity("whole.npy").astype(bool).sum() < 0.2 * opacity("out.npy").astype(bool).sum()
+
+
+@pytest.mark.parametrize("method", [*METHODS, "auto"])
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+def test_all_methods_take_the_box_of_the_same_cells(
+    run: Run, cube: isosample.Volume, method: str, projection: str
+) -> None:
+    options = f"--azimuth 40 --elevation 20 --zoom 1.25 --projection {projection}"
+    assert run(f"{RENDER} --method {method} {options} -o out.npy").status == 0
+    box = isosample.visible_box(cube, isosample.TransferFunction.load("tent.json"))
+    np.testing.assert_array_equal(box.corner, FIRST - 1.0)
+    np.testing.assert_array_equal(box.edges, np.diag(LAST - FIRST + 2.0))
+    camera = isosample.Camera.orbit(
+        box, azimuth=40, elevation=20, zoom=1.25, projection=isosample.Projection(projection)
+    )
+    write_json(Path("camera.json"), camera.to_dict())
+    placed = RENDER.replace("--fit visible", "--camera camera.json")
+    assert run(f"{placed} --method {method} -o placed.npy").status == 0
+    np.testing.assert_array_equal(np.load("out.npy"), np.load("placed.npy"))
+
+
+@pytest.mark.parametrize("projection", ["orthographic", "perspective"])
+@pytest.mark.parametrize("method", ["data-centric", "reference"])
+def test_an_eye_between_the_box_and_the_volume_s_faces_sees_all_that_is_visible(
+    run: Run, cube: isosample.Volume, method: str, projection: str
+) -> None:
+    """As in a volume from which all but what is visible is cut away, whose faces are closer than the eye."""
+    first, last = FIRST - 2, LAST + 3
+    part = tuple(slice(low, high) for low, high in zip(first[::-1], last[::-1], strict=True))
+    np.save("part.npy", cube.array[part])
+    box = isosample.visible_box(cube, isosample.TransferFunction.load("tent.json"))
+    camera = isosample.Camera.orbit(box, azimuth=10, projection=isosample.Projection(projection))
+    assert (np.array(camera.eye) > 0).all()
+    assert (np.array(camera.eye) < np.subtract(cube.size_xyz, 1)).all()
+    there = "--fit visible --azimuth 10 --method"
+    assert run(f"{RENDER} {there} {method} --projection {projection} -o out.npy").status == 0
+    words = RENDER.replace("cube.npy", "part.npy")
+    assert run(f"{words} {there} {method} --projection {projection} -o alone.npy").status == 0
+    found, expected = np.load("out.npy"), np.load("alone.npy")
+    assert expected.any()
+    # The reference errs by 1e-10. Else float32 places of crossings, some 50 units from the volume's middle or the eye,
+    # err by 2^-23 of that; there are 26 at most, and the extinction is 2.
+    error = 2e-10 if method == "reference" else 26 * 50 * 2.0**-23 * 2
+    assert np.abs(found - expected).max() <= error
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB", "--details 2"])
+def test_a_cache_folder_is_framed_as_its_volume(run: Run, more: str) -> None:
+    details = "--details 2" if "details" in more else ""
+    assert run(f"{RENDER} {details} --azimuth 30 -o volume.npy").status == 0
+    for _ in range(2):  # the second run finds the box in the folder
+        assert run(f"precompute cube.npy --tf tent.json --cache meshes {more}").status == 0
+        for tf in ("", "--tf tent.json"):
+            picture = f"render meshes {tf} --size {SIZE}x{SIZE} --fit visible --azimuth 30 -o cache.npy"
+            assert run(picture).status == 0
+            np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
+
+
+def test_the_first_scene_of_a_cache_that_render_makes_tells_its_box(run: Run) -> None:
+    words = f"render cube.npy --tf tent.json --size {SIZE}x{SIZE}"
+    assert run(f"{words} --cache meshes -o out.npy").status == 0
+    assert run(f"{words} --fit visible -o volume.npy").status == 0
+    assert run(f"render meshes --size {SIZE}x{SIZE} --fit visible -o cache.npy").status == 0
+    np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
+
+
+def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None:
+    assert run("precompute cube.npy --tf tent.json --cache meshes").status == 0
+    write_json(Path("other.json"), {"points": TENT["points"][1:]})
+    scene = read_json(Path("meshes/scene.json"), "scene")
+    known = scene.pop("visible")
+    assert known == [(FIRST - 1).tolist(), (LAST + 1).tolist()]
+    render = "render meshes --fit visible -o out.npy"
+    assert run("precompute cube.npy --tf other.json --cache meshes").status == 0
+    for command in (f"{render} --tf tent.json", render):
+        outcome = run(command)
+        assert (outcome.status, outcome.err.count("\n")) == (2, 1)
+        assert "isosample precompute` with the same volume, --cache and this transfer function" in outcome.err
+        assert not Path("out.npy").exists()
+        # As a version that knew no such boxes left it.
+        entries = {name: value for name, value in scene.items() if name not in ("format", "version")}
+        write_checked(Path("meshes/scene.json"), "scene", entries)
+    assert run("render meshes -o out.npy").status == 0
+    assert run("precompute cube.npy --tf tent.json --cache meshes").status == 0
+    assert run(render).status == 0
+
+
+@pytest.mark.parametrize("method", ["data-centric", "post-classified", "reference"])
+def test_a_turn_keeps_its_distance_and_has_the_bits_of_single_pictures(run: Run, method: str) -> None:
+    words = f"{RENDER} --method {method} --projection perspective"
+    assert run(f"{words} --turntable 3 --stats stats.json -o film.npy").status == 0
+    stats: dict[str, Any] = json.loads(Path("stats.json").read_text(encoding="utf-8"))
+    cameras = stats["turntable"]["cameras"]
+    centre = (FIRST + LAST) / 2.0
+    for camera in cameras:
+        np.testing.assert_allclose(camera["target"], centre, rtol=0, atol=1e-12)
+    away = [math.dist(camera["eye"], camera["target"]) for camera in cameras]
+    np.testing.assert_allclose(away, away[0], rtol=1e-12)
+    assert run(f"{words} --azimuth 120 -o single.npy").status == 0
+    np.testing.assert_array_equal(np.load("film-001.npy"), np.load("single.npy"))
+
+
+def test_a_comparison_is_framed_as_the_commands_that_it_gives(run: Run) -> None:
+    pytest.importorskip("jinja2")
+    sweep = "--methods data-centric,pre-integrated --steps 1 --per-slopes 2 --repeat 1"
+    view = "--size 24x20 --fit visible --azimuth 30 --cameras 2"
+    outcome = run(f"compare cube.npy --tf tent.json {sweep} {view} -o out")
+    assert outcome.status == 0, outcome.err
+    document: dict[str, Any] = json.loads(Path("out/results.json").read_text(encoding="utf-8"))
+    assert len(document["entries"]) == 2
+    for entry in document["entries"]:
+        for number, one in enumerate(entry["views"], start=1):
+            words = shlex.split(one["command"])[1:-1]
+            assert run(*words, "again.npy").status == 0
+            with PIL.Image.open(f"out/pictures/camera-{number}_{entry['name']}.png") as kept:
+                again = shown(np.load("again.npy"), document["settings"]["backdrop"])
+                np.testing.assert_array_equal(again, np.asarray(kept.convert("RGB")))
+            assert (
+                np.load("again.npy")[..., 3].astype(bool).mean() > 0.2
+            )  # 0.02 of the whole volume's picture
+
+
+def test_the_volume_s_box_is_the_default(run: Run) -> None:
+    for method in METHODS:
+        words = f"render cube.npy --tf tent.json --size 16x12 --method {method} --azimuth 20"
+        assert run(f"{words} -o none.npy").status == 0
+        assert run(f"{words} --fit volume -o volume.npy").status == 0
+        assert run(f"{words} --fit visible -o visible.npy").status == 0
+        np.testing.assert_array_equal(np.load("none.npy"), np.load("volume.npy"))
+        assert not np.array_equal(np.load("none.npy"), np.load("visible.npy"))
+
+
+@pytest.mark.parametrize("method", [*METHODS, "auto"])
+def test_nothing_visible_cannot_fill_a_picture(run: Run, method: str) -> None:
+    write_json(
+        Path("nothing.json"), {"points": [{"value": v, "color": WHITE, "extinction": 1} for v in (7, 8)]}
+    )
+    outcome = run(f"render cube.npy --tf nothing.json --fit visible --method {method} -o out.npy")
+    assert outcome.status == 2
+    assert "shows nothing of cube.npy, whose values go from 0 to 1: there is nothing to fit" in outcome.err
+    assert not Path("out.npy").exists()
+
+
+@pytest.mark.parametrize("command", ["render cube.npy -o out.npy", "compare cube.npy -o out"])
+def test_a_camera_file_leaves_nothing_to_fit(run: Run, cube: isosample.Volume, command: str) -> None:
+    write_json(Path("camera.json"), isosample.Camera.orbit(cube.box).to_dict())
+    outcome = run(f"{command} --camera camera.json --fit visible")
+    assert outcome.status == 2
+    assert "--fit and --camera camera.json both place the camera" in outcome.err
