@@ -15,7 +15,6 @@ from benchmarks.bench_raycast import OURS as RAY_CASTERS
 from benchmarks.bench_raycast import has_vtk, vtk_driver
 from benchmarks.equal_error_methods import (
     DATA_CENTRIC,
-    REFINED,
     VTK_FIXED,
     VTK_GPU,
     VTK_ISO,
@@ -132,8 +131,8 @@ def _cheapest_measured(scene: RaycastScene, curves: Mapping[str, Curve], error: 
     if not good:
         return "–"
     seconds, name, point = min(good, key=lambda one: one[0])
-    divided = ", divided by 2" if name == REFINED else ""
-    return f"{1e3 * seconds:.0f} ms: {label(scene, name, point.step)}{divided}"
+    variant = name.removeprefix(DATA_CENTRIC)
+    return f"{1e3 * seconds:.0f} ms: {label(scene, name, point.step)}{variant}"
 
 
 def point_rows(scene: RaycastScene, size: int, curves: Mapping[str, Curve]) -> Iterator[tuple[str, ...]]:

@@ -14,6 +14,7 @@ from benchmarks.surface_frames import SurfaceFrames
 from isosample.rendering.method_choice import is_sharp
 from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, Integration
+from isosample.rendering.settings import RenderSettings
 from isosample.surfaces.detail import MOST_DETAILS
 
 if TYPE_CHECKING:
@@ -32,6 +33,10 @@ NARROW_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of VTK for a near-Dirac peak, whi
 ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
 COARSER = "data-centric, coarser details"
+CURVED = "data-centric, coarser details, curved triangles"
+CURVED_LOOK = RenderSettings(
+    curved=True, screen_error=0.125
+)  # pixels: flat triangles are as good at half of it
 VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
 # Of the ray caster's methods these take longer than another one at every error (see RESULTS.md).
 LEFT_OUT = ("post-classified, trapezoid", "peak finding, integral weights, secant")
@@ -48,6 +53,7 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
     else:
         found[DATA_CENTRIC] = (_surfaces(scene, size), PER_SLOPE)
         found[COARSER] = (_surfaces(scene, size, details=MOST_DETAILS), PER_SLOPE)
+        found[CURVED] = (_surfaces(scene, size, details=MOST_DETAILS, look=CURVED_LOOK), PER_SLOPE)
         if (
             scene.volume.array.dtype == np.float32
         ):  # four times the triangles of a scan take longer than any step
@@ -86,10 +92,15 @@ def casters_for(scene: RaycastScene) -> list[str]:
 
 
 def _surfaces(
-    scene: RaycastScene, size: int, *, refine: int = 1, details: int = 0
+    scene: RaycastScene,
+    size: int,
+    *,
+    refine: int = 1,
+    details: int = 0,
+    look: RenderSettings | None = None,
 ) -> Callable[[float], Frames]:
     return lambda count: SurfaceFrames.of_scene(
-        scene, size, Quality(per_slope=int(count), refine=refine, details=details)
+        scene, size, Quality(per_slope=int(count), refine=refine, details=details), look
     )
 
 
