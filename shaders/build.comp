@@ -16,6 +16,9 @@
 #ifndef SUBPIXEL_BITS
 #error "SUBPIXEL_BITS: corners are moved to a grid of so many bits of a pixel"
 #endif
+#ifndef SLOTS
+#error "SLOTS: 1 puts crossings into slots of their pixel, 0 into its linked list"
+#endif
 #ifndef PERSPECTIVE
 #error "PERSPECTIVE: 1 interpolates along lines that meet in the eye, 0 along parallel ones"
 #endif
@@ -25,6 +28,11 @@
 #include "lib/octahedral.glsl"
 #include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
+#if SLOTS
+#include "pass/append_slot.glsl"
+#else
+#include "pass/append_node.glsl"
+#endif
 #include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
 
@@ -39,10 +47,13 @@ layout(rgba32f, binding = BINDING_POSITIONS) readonly uniform image2D positions;
 layout(std430, binding = BINDING_RESIDUALS) readonly buffer Residuals { float residuals[]; };
 #endif
 
-uniform uint first_index;
+uniform uint first_index;                 // in the storage block: of large buffers it shows a part
 uniform uint triangle_count;
 
 const int GRID = 1 << SUBPIXEL_BITS;      // steps of the grid to a pixel
+// Of where an edge cuts a row [pixel]: of at most 65 pixels, by a conversion, a reciprocal of 2.5 units in the last place and a
+// product, together 65 * 4 * 2^-23 = 3e-5.
+const float SLACK = 1e-3;
 
 ivec2 texel_of(uint vertex) { return ivec2(vertex % VERTEX_ROW, vertex / VERTEX_ROW); }
 
@@ -114,16 +125,31 @@ void main() {
     vec3 ray = frame.forward;
 #endif
     float change = inverse == 0.0 ? 1e30 : abs(inverse) * (abs(way_2.y * rise.x - way_1.y * rise.y) + abs(way_1.x * rise.y - way_2.x * rise.x));
-    ivec2 pixel = ivec2(first.x - 1, first.y);
-    ivec3 value = row - along_x;
+    // Row by row from where the edges cut it to where they cut it again. In float32, with SLACK: every pixel inside lies between
+    // them, and the whole numbers decide whether one is inside.
+    vec3 inverse_x = 1.0 / vec3(along_x);
+    int width = last.x - first.x;
+    ivec2 pixel = ivec2(0, first.y - 1);
+    int end = -1, n = 0;                  // the last pixel of the row, and the present one, from the first column on
+    ivec3 next_row = row;
     uint found_count = 0u;
     do {
-        do {                              // to the next pixel inside: what follows is executed by all lanes that have one
-            bool next_row = pixel.x == last.x;
-            pixel = next_row ? ivec2(first.x, pixel.y + 1) : ivec2(pixel.x + 1, pixel.y);
-            row += next_row ? along_y : ivec3(0);
-            value = next_row ? row : value + along_x;
-        } while ((value.x | value.y | value.z) < 0 && pixel.y <= last.y);
+        ++n;
+        do {                              // to the next row that is cut: what follows is executed by all lanes that have one
+            bool ended = n > end;
+            row = ended ? next_row : row;
+            next_row += ended ? along_y : ivec3(0);
+            pixel.y += ended ? 1 : 0;
+            vec3 cut = -vec3(row) * inverse_x;
+            vec3 low = mix(vec3(-1.0), cut, greaterThan(along_x, ivec3(0)));
+            vec3 high = mix(vec3(1e9), cut, lessThan(along_x, ivec3(0)));
+            float from = ceil(max(max(low.x, low.y), max(low.z, 0.0)) - SLACK);
+            float to = floor(min(min(high.x, high.y), min(high.z, float(width))) + SLACK);
+            n = ended ? int(min(from, 1e6)) : n;
+            end = ended ? int(max(to, -1.0)) : end;
+        } while (n > end && pixel.y <= last.y);
+        ivec3 value = row + n * along_x;
+        pixel.x = first.x + n;
         if ((value.x | value.y | value.z) >= 0 && pixel.y <= last.y) {
             vec2 way = vec2(pixel) + 0.5 - place_0;
             float second = (way.x * way_2.y - way.y * way_2.x) * inverse;

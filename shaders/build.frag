@@ -20,6 +20,7 @@
 #include "lib/octahedral.glsl"
 #include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
+#include "pass/append_node.glsl"
 #include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
 

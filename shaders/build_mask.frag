@@ -8,6 +8,7 @@
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"
 #include "pass/build_lists.glsl"
+#include "pass/append_node.glsl"
 #include "pass/edge_on.glsl"
 
 in float depth_view;

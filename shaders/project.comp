@@ -16,15 +16,16 @@ layout(rgba32f, binding = BINDING_CORNERS) writeonly uniform image2D corners;
 layout(rgba32f, binding = BINDING_POSITIONS) writeonly uniform image2D positions;
 #endif
 
-uniform uint vertex_count;
+uniform uint vertex_count;                // of the meshes, up to the last of these
 uniform uint first_vertex;
+uniform uint window_vertex;               // first vertex in the storage block: of large buffers it shows a part
 
 const float FARTHEST = 4194304.0;         // [pixel]: beyond, 1/256 of a pixel times 2^31 is near
 
 void main() {
     uint number = first_vertex + gl_GlobalInvocationID.x;
     if (number >= vertex_count) return;
-    uint word = 6u * number;
+    uint word = 6u * (number - window_vertex);
     vec3 position = vec3(vertices[word], vertices[word + 1u], vertices[word + 2u]);
     vec3 gradient = vec3(vertices[word + 3u], vertices[word + 4u], vertices[word + 5u]);
     vec3 from_eye = position - frame.eye;

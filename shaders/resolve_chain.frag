@@ -4,6 +4,12 @@
 #ifndef RUNS
 #error "RUNS: how many runs of 16 nodes a list may have; 0: none, it is empty"
 #endif
+#ifndef RUN
+#error "RUN: nodes of a run that is sorted in registers, 8 or 16"
+#endif
+#ifndef FACE_BAND
+#error "FACE_BAND: the band of all values on the faces of the box if nothing is visible in it, else -1"
+#endif
 #ifndef SEGMENT_RULE
 #error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"
 #endif
@@ -30,6 +36,7 @@
 #include "lib/shading.glsl"
 #include "lib/lit_segment.glsl"
 #include "pass/chain.glsl"
+#include "pass/list_chain.glsl"
 
 out vec4 color;
 

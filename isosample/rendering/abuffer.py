@@ -119,7 +119,7 @@ class ABuffer:
             done += tile.pixel_count
             if progress is not None:
                 progress(done, width * height)
-        frame.statistics.pool_bytes = self._shared.pool.size_bytes
+        frame.statistics.pool_bytes = self._shared.pool.size_bytes + self._shared.slots.size_bytes
         uploads = self._shared.scene.meshes.uploads
         frame.statistics.mesh_batches, frame.statistics.mesh_bytes = uploads.batches, uploads.largest_bytes
         with self.timer.stage("read back"):

@@ -12,7 +12,7 @@ from isosample.errors import CapacityError
 from isosample.gl.memory import with_room
 from isosample.gl.ownership import Owner
 from isosample.rendering.chunk_stream import VERTEX_DTYPE, source_of
-from isosample.rendering.mesh_batch import Batch
+from isosample.rendering.mesh_batch import INDEX_BYTES, Batch
 from isosample.tally import MESH_UPLOADS, tally
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
-INDEX_BYTES = 4
 RESIDUAL_BYTES = 4
 STAGED_BYTES = 16 << 20  # pieces that are put together before one call uploads them
 LARGEST_DRAW = 2**31 - 1  # indices that one draw can name
@@ -132,8 +131,10 @@ class DeviceMeshes:
         whole = len(rows) == len(self.chunks) and self._scene.source is None
         fill = self._fill_with_arrays if whole else self._fill_with_pieces
         with Owner() as made:
-            buffers, starts = fill(made, rows, residual)
-            self._resident = Batch(self._ctx, self.chunks, rows, starts, buffers, residual, size)
+            buffers, starts, vertex_starts = fill(made, rows, residual)
+            self._resident = Batch(
+                self._ctx, self.chunks, rows, starts, vertex_starts, buffers, residual, size
+            )
             made.pop_all()  # the batch has them
         self.uploads.batches += 1
         self.uploads.bytes += size
@@ -172,8 +173,8 @@ class DeviceMeshes:
 
     def _fill_with_arrays(
         self, made: Owner, rows: I64, residual: int | None
-    ) -> tuple[list[moderngl.Buffer], I64]:
-        """All arrays of the scene as they are; with the first index of each of the rows."""
+    ) -> tuple[list[moderngl.Buffer], I64, I64]:
+        """All arrays of the scene as they are; with the first index and the first vertex of each of the rows."""
         scene = self._scene
         arrays: list[npt.NDArray[np.generic]] = [scene.vertices, scene.indices]
         if residual is not None:
@@ -182,11 +183,11 @@ class DeviceMeshes:
             made.keep(self._room_for(a.nbytes, self._ctx.buffer(a)) if a.size else self._reserved(0))
             for a in arrays
         ]
-        return buffers, self.chunks["first_index"][rows]
+        return buffers, self.chunks["first_index"][rows], self.chunks["first_vertex"][rows]
 
     def _fill_with_pieces(
         self, made: Owner, rows: I64, residual: int | None
-    ) -> tuple[list[moderngl.Buffer], I64]:
+    ) -> tuple[list[moderngl.Buffer], I64, I64]:
         """Pieces one after the other, in whatever order their source has them; otherwise as `_fill_with_arrays`."""
         counts = self.chunks["index_count"][rows]
         vertex_bytes = int(self.chunks["vertex_count"][rows].sum()) * VERTEX_DTYPE.itemsize
@@ -203,7 +204,9 @@ class DeviceMeshes:
             vertex += len(piece.vertices)
         for stream in streams:
             stream.flush()
-        return [stream.buffer for stream in streams], np.cumsum(counts) - counts
+        vertex_counts = self.chunks["vertex_count"][rows]
+        starts = (np.cumsum(counts) - counts, np.cumsum(vertex_counts) - vertex_counts)
+        return [stream.buffer for stream in streams], *starts
 
     def _reserved(self, size: int) -> moderngl.Buffer:
         """Buffer of so many bytes, or of a few: OpenGL has no empty buffers."""

@@ -54,6 +54,7 @@ class DeviceScene:
             self._mask = None if scene.mask is None else made.keep(_table(ctx, scene.mask))
             self._tables = {name: made.keep(_table(ctx, table)) for name, table in tables.items()}
             self._made = made.pop_all()
+        self.face_band = _face_band(scene)
         # Of the resolve pass: what no pixel needs is not compiled.
         self.constants = {
             "SMOOTH_FACES": int(scene.face_kernel is not None),
@@ -163,6 +164,21 @@ def _band_table(scene: Scene) -> npt.NDArray[np.void]:
     width = scene.band_values[:, 1] - scene.band_values[:, 0]
     table["inverse_width"] = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0)
     return table
+
+
+def _face_band(scene: Scene) -> int:
+    """The band in which all values on the faces of the box lie, if nothing is visible in it; else -1."""
+    if scene.mask is not None or scene.face_kernel is not None or not scene.boundary.size:
+        return -1
+    low, high = scene.boundary.min(), scene.boundary.max()
+    if not (np.isfinite(low) and np.isfinite(high)):
+        return -1
+    ends = scene.band_values.astype(np.float32)
+    inner = ends[:-1, 1]
+    band = int(np.searchsorted(inner, low, side="right"))
+    if int(np.searchsorted(inner, high, side="right")) != band or np.any(scene.band_optics[band, :, 3] > 0):
+        return -1
+    return band
 
 
 def _table(ctx: moderngl.Context, array: npt.NDArray[Any]) -> moderngl.Buffer:

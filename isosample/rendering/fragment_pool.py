@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
 HEAD_BYTES = 4
 ROOM = 1.25  # nodes asked for over those that are needed: other views of the scene then find room, too
-LIST_END_BYTES = b"\xff\xff\xff\xff"
-ZERO_BYTES = b"\0\0\0\0"
+LIST_END = 0xFFFFFFFF
 REMEDY = "Ask for a smaller picture, or give RenderSettings a smaller fragment_budget_bytes."
 
 
@@ -44,6 +43,7 @@ class FragmentPool:
         self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
         self._nodes: moderngl.Texture | None = None
         self._heads: moderngl.Buffer | None = None
+        self._filling: dict[int, npt.NDArray[np.uint32]] = {}
 
     def release(self) -> None:
         """Free every buffer."""
@@ -53,7 +53,7 @@ class FragmentPool:
         self._nodes = self._heads = None
 
     def begin_picture(self, budget_bytes: int) -> None:
-        """Free the nodes if they exceed the budget of the picture that follows."""
+        """Free the nodes if they exceed the budget of the picture, or the part of it, that follows."""
         if self.size_bytes > budget_bytes:
             self._free_nodes()
 
@@ -107,12 +107,12 @@ class FragmentPool:
 
     def clear_lists(self, tile: Tile) -> None:
         """Empty the list of every pixel of a tile, and set all counters to zero."""
-        self._fill_heads(tile, LIST_END_BYTES)
+        self._fill_heads(tile, LIST_END)
         self._counters.clear()
 
     def clear_counts(self, tile: Tile) -> None:
         """Set the heads of a tile to zero: they count fragments in the count pass."""
-        self._fill_heads(tile, ZERO_BYTES)
+        self._fill_heads(tile, 0)
 
     def bind(self) -> None:
         """Bind what there is to the storage blocks of the shaders."""
@@ -142,7 +142,7 @@ class FragmentPool:
             self._nodes.release()
         self._nodes = None
 
-    def _fill_heads(self, tile: Tile, pattern: bytes) -> None:
+    def _fill_heads(self, tile: Tile, head: int) -> None:
         needed = HEAD_BYTES * tile.pixel_count
         if self._heads is None or self._heads.size < needed:
             if self._heads is not None:
@@ -150,4 +150,8 @@ class FragmentPool:
             self._heads = None
             room = (f"the list heads of {tile.pixel_count} pixels", needed, REMEDY)
             self._heads = with_room(self._ctx, self._ctx.buffer(reserve=needed), *room)
-        self._heads.clear(size=needed, chunk=pattern)
+        if head not in self._filling or len(self._filling[head]) < tile.pixel_count:
+            self._filling[head] = np.full(tile.pixel_count, head, dtype=np.uint32)
+        self._heads.write(
+            self._filling[head][: tile.pixel_count]
+        )  # `clear` with a pattern takes 80 times as long

@@ -34,8 +34,10 @@ class FrameStatistics:
         Parts in which the picture was rendered.
     compute_tiles : int
         Of these, those whose triangles compute shaders rasterised; the graphics pipeline did the others'.
+    slot_tiles : int
+        Of these, those whose lists were in slots; the other lists were linked.
     pool_bytes : int
-        Memory of the fragment pool.
+        Memory of the fragment lists, pool and slots.
     chunks : int
         Pieces of the meshes, (isovalue, brick).
     chunks_coarser : int
@@ -66,6 +68,7 @@ class FrameStatistics:
     terminated_rays: int = 0
     tiles: int = 0
     compute_tiles: int = 0
+    slot_tiles: int = 0
     pool_bytes: int = 0
     chunks: int = 0
     chunks_coarser: int = 0

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.gl.context import limits
+from isosample.rendering.slot_building import SlotBuilder
 from isosample.rendering.supplies import mask_supply, mesh_supply
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 from isosample.rendering.triangle_raster import TriangleRaster
@@ -38,6 +39,7 @@ class ListBuilder:
         self._frames = frames
         self._was_split = False
         self._compute = TriangleRaster(shared, frames.geometry)
+        self._slots = SlotBuilder(shared, frames, self._compute)
         self._query = shared.ctx.query(samples=True)
         self._rasteriser: moderngl.Framebuffer | None = None
 
@@ -64,8 +66,9 @@ class ListBuilder:
         while parts:
             part, counted = parts.pop(0)
             smaller, rasterised = self._build_or_split(part, frame, counted=counted)
-            parts = [(tile, True) for tile in smaller] + parts
-            were_split |= len(smaller) > 1
+            counted |= len(smaller) > 0 and not frame.in_slots
+            parts = [(tile, counted) for tile in smaller] + parts
+            were_split |= len(smaller) > 1 and not frame.in_slots
             if not smaller:
                 yield part, rasterised
         self._was_split = were_split
@@ -76,6 +79,10 @@ class ListBuilder:
         Where the last picture did not fit, this one probably does not either: its fragments are counted first
         (unless `counted`), rather than built in vain.
         """
+        frame.in_slots = self._slots.suits(frame)
+        if frame.in_slots:
+            return self._fill_slots(tile, frame)
+        self._shared.slots.release()  # the budget is the nodes' alone
         budget = frame.settings.fragment_budget_bytes
         if self._shared.pool.is_empty and frame.streamed:
             self._shared.pool.fill(budget)  # rather than loading all meshes once more to measure
@@ -96,9 +103,24 @@ class ListBuilder:
         if rasterised == QUERY_SATURATED or asked > self._shared.pool.capacity:
             needed = max(asked, rasterised)
             return ([tile] if self._shared.pool.grow(needed, budget) else self._split(tile, frame)), 0
+        self._note_compute(frame, by_compute=by_compute)
+        return [], rasterised
+
+    def _fill_slots(self, tile: Tile, frame: PictureFrame) -> tuple[list[Tile], int]:
+        """As `_build_or_split`, into slots; also where these turn out not to do, the tile is to be built once more."""
+        parts = self._slots.parts(tile, frame)
+        if len(parts) > 1 or not frame.slots_suit:
+            return parts, 0
+        rasterised = self._slots.build(tile, frame)
+        if rasterised is None:
+            return [tile], 0
+        self._note_compute(frame, by_compute=True)
+        frame.statistics.slot_tiles += 1
+        return [], rasterised
+
+    def _note_compute(self, frame: PictureFrame, *, by_compute: bool) -> None:
         frame.statistics.compute_tiles += int(by_compute)
         frame.statistics.projected_bytes = self._compute.size_bytes
-        return [], rasterised
 
     def _measure(self, tile: Tile, frame: PictureFrame) -> int:
         """Fragments of a tile, counted by an occlusion query (saturates at `QUERY_SATURATED`)."""

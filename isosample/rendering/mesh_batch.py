@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,11 @@ Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
+VERTEX_GAP = 4096  # vertices of ruled out pieces that are projected along rather than beginning another call
+INDEX_BYTES = 4
+OFFSET_ALIGNMENT = (
+    256  # [byte] of what is bound to a storage block: the most that OpenGL allows a driver to ask for
+)
 COMMAND_WORDS = 5  # indices, instances, first index, base vertex, base instance
 
 
@@ -39,6 +45,7 @@ class Batch:
         chunks: npt.NDArray[np.void],
         rows: I64,
         starts: I64,
+        vertex_starts: I64,
         buffers: Sequence[moderngl.Buffer],
         residual: int | None,
         size: int,
@@ -50,6 +57,7 @@ class Batch:
             0 if chunks["detail"].any() else GAP
         )  # what lies between may be another detail of what is drawn
         self._starts = starts
+        self._vertex_starts, self._vertex_counts = vertex_starts, chunks["vertex_count"][rows]
         self._vertices, self._indices, *rest = buffers
         self._residuals = rest[0] if rest else None
         self._vertex_arrays: dict[int, moderngl.VertexArray] = {}
@@ -88,24 +96,40 @@ class Batch:
         return int(self._vertices.size) // VERTEX_DTYPE.itemsize
 
     @property
-    def largest_buffer_bytes(self) -> int:
-        """Of the vertices and the indices; residuals are smaller than the vertices."""
-        return max(int(self._vertices.size), int(self._indices.size))
+    def residual_bytes(self) -> int:
+        """Of the residuals; 0 where there are none."""
+        return 0 if self._residuals is None else int(self._residuals.size)
 
     def runs(self, shown: Bool) -> tuple[I64, I64, I64]:
         """Levels, first indices and counts of the draws that show pieces; `shown` as for `draw`."""
         kept = shown[self.rows]
         return runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
 
-    def bind_vertices(self, binding: int) -> None:
-        """Bind positions and gradients to a storage block."""
-        self._vertices.bind_to_storage_buffer(binding)
+    def vertex_runs(self, shown: Bool) -> tuple[I64, I64]:
+        """First vertices and counts of what `shown` pieces have, and little else; `shown` as for `draw`."""
+        kept = shown[self.rows]
+        first = np.sort(self._vertex_starts[kept])
+        stop = (self._vertex_starts + self._vertex_counts)[kept][
+            np.argsort(self._vertex_starts[kept], kind="stable")
+        ]
+        if len(first) == 0:
+            return first, first
+        reached = np.maximum.accumulate(stop)
+        begins = np.flatnonzero(np.concatenate([[True], first[1:] > reached[:-1] + VERTEX_GAP]))
+        return first[begins], reached[np.append(begins[1:], len(first)) - 1] - first[begins]
 
-    def bind_triangles(self, indices: int, residuals: int) -> None:
-        """Bind the indices, and the residuals if they are here, to storage blocks."""
-        self._indices.bind_to_storage_buffer(indices)
+    def bind_vertices(self, binding: int, first: int, count: int) -> int:
+        """Bind positions and gradients of some vertices to a storage block; return which is the first in it."""
+        return _bind_window(self._vertices, VERTEX_DTYPE.itemsize, binding, first, count)
+
+    def bind_indices(self, binding: int, first: int, count: int) -> int:
+        """Bind some indices to a storage block; return which is the first in it."""
+        return _bind_window(self._indices, INDEX_BYTES, binding, first, count)
+
+    def bind_residuals(self, binding: int) -> None:
+        """Bind the residuals, if they are here, to a storage block."""
         if self._residuals is not None:
-            self._residuals.bind_to_storage_buffer(residuals)
+            self._residuals.bind_to_storage_buffer(binding)
 
     def release(self) -> None:
         """Free every buffer."""
@@ -131,6 +155,15 @@ class Batch:
                 content.append((self._residuals, "1f", "residual"))
             self._vertex_arrays[key] = self._ctx.vertex_array(program, content, index_buffer=self._indices)
         return self._vertex_arrays[key]
+
+
+def _bind_window(buffer: moderngl.Buffer, item: int, binding: int, first: int, count: int) -> int:
+    """Bind a part of a buffer that holds some items; return the first one in it."""
+    step = math.lcm(item, OFFSET_ALIGNMENT)
+    offset = first * item // step * step
+    size = min((first + count) * item, int(buffer.size)) - offset
+    buffer.bind_to_storage_buffer(binding, offset=offset, size=size)
+    return offset // item
 
 
 def runs(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from isosample.gl.ownership import Owner
 from isosample.gl.timer import StageTimer
+from isosample.rendering.crossing_slots import CrossingSlots
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.fragment_pool import FragmentPool
 from isosample.rendering.frame import set_tile, shared_constants, uniform_dtype
@@ -48,6 +49,7 @@ class PassResources:
             with self.timer.stage("upload"):
                 self.scene = made.keep(DeviceScene(ctx, scene))
             self.pool = made.keep(FragmentPool(ctx))
+            self.slots = made.keep(CrossingSlots(ctx))
             self._frame_buffer = made.keep(ctx.buffer(reserve=uniform_dtype("Frame").itemsize))
             self._made = made.pop_all()
 
@@ -58,6 +60,7 @@ class PassResources:
         self._frame_buffer.bind_to_uniform_block(shared_constants()["BINDING_FRAME"])
         self.scene.bind()
         self.pool.bind()
+        self.slots.bind()
 
     def release(self) -> None:
         """Free everything on the GPU."""

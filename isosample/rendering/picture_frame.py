@@ -41,6 +41,10 @@ class PictureFrame:
         Whether every pass uploads the meshes anew, in batches.
     unsuited : bool
         Whether compute shaders turned out not to be able to rasterise what is drawn.
+    slots_suit : bool
+        False where slots turned out not to be able to hold the lists.
+    in_slots : bool
+        Whether the lists of the present tile are in slots, see `SlotBuilder`; else they are linked.
     statistics : FrameStatistics
     """
 
@@ -51,6 +55,8 @@ class PictureFrame:
     residuals: bool = False
     streamed: bool = False
     unsuited: bool = False
+    slots_suit: bool = True
+    in_slots: bool = False
     statistics: FrameStatistics = field(default_factory=FrameStatistics)
 
     @property

@@ -32,6 +32,7 @@ class PictureTarget:
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
         self._pixels = FloatTarget(ctx, 4)
+        self._staging = np.empty((0, 0, 4), dtype=np.float32)  # as OpenGL has it, row 0 below
 
     def resize(self, width: int, height: int) -> None:
         """Make room for a picture of that size.
@@ -45,10 +46,12 @@ class PictureTarget:
             check_picture_fits(self._ctx, (width, height))
             self._pixels.resize((width, height))
 
-    def clear(self, color: npt.ArrayLike) -> None:
+    def clear(self, color: npt.ArrayLike, tile: Tile | None = None) -> None:
         """Give every pixel one colour, (4,)."""
         framebuffer = self._pixels.framebuffer
-        framebuffer.scissor = (0, 0, *framebuffer.size)
+        framebuffer.scissor = (
+            (0, 0, *framebuffer.size) if tile is None else (tile.x, tile.y, tile.width, tile.height)
+        )
         red, green, blue, alpha = np.asarray(color, dtype=np.float64).tolist()
         framebuffer.clear(red, green, blue, alpha)
 
@@ -64,6 +67,10 @@ class PictureTarget:
         with drawing_into(self._ctx, framebuffer):
             screen.render(vertices=3)
         screen.release()
+
+    def bind(self) -> None:
+        """Bind the picture for compute shaders."""
+        self._pixels.texture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
 
     def fill_blocks(self, tile: Tile, program: moderngl.Program, block: int) -> None:
         """Run a program of points, one for every block of a tile: `block` squared pixels, or none where all is done."""
@@ -83,8 +90,10 @@ class PictureTarget:
         """(H, W, 4) float32, row 0 on top."""
         framebuffer = self._pixels.framebuffer
         width, height = framebuffer.size
-        pixels = np.frombuffer(framebuffer.read(components=4, dtype="f4"), dtype=np.float32)
-        return np.ascontiguousarray(pixels.reshape(height, width, 4)[::-1])
+        if self._staging.shape != (height, width, 4):
+            self._staging = np.empty((height, width, 4), dtype=np.float32)
+        framebuffer.read_into(self._staging, components=4, dtype="f4")
+        return np.ascontiguousarray(self._staging[::-1])
 
     def release(self) -> None:
         """Free the texture."""

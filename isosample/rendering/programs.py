@@ -52,6 +52,10 @@ class Programs:
             self._compute[key] = program
         return self._compute[key]
 
+    def has_compute(self, entry: str, **constants: int) -> bool:
+        """Whether a program of a compute shader file was compiled already."""
+        return (entry, *sorted(constants.items())) in self._compute
+
     def release(self) -> None:
         """Free every program."""
         for graphics in self._graphics.values():

@@ -11,6 +11,7 @@ from isosample.errors import CapacityError
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import ResolveStage
+from isosample.rendering.slot_resolve import SlotResolve
 from isosample.rendering.stage import resolve_stage, work_groups
 from isosample.rendering.supplies import merge_supply, resolve_supply
 
@@ -34,7 +35,8 @@ CHAIN_CLASSES = (0, 6, 16)
 BALANCED_RUNS = 6  # of lists that are no chains, but whose crossings add up; see shaders/pass/balanced.glsl
 # Nodes of other lists that are sorted in an array: longer ones are sorted on their links, which takes no longer.
 LARGEST_ARRAY = 16
-TAKEN = {"resolve_chain": 0, "resolve_balanced": 1, "resolve": 2}  # see shaders/open_blocks.vert
+BROKEN = 1
+TAKEN = {"resolve_chain": 0, "resolve_balanced": BROKEN, "resolve": 2}  # see shaders/open_blocks.vert
 LONGEST_LIST = 7_000  # up to 9 loop iterations per node in one shader call stay below llvmpipe's 65535
 
 
@@ -50,13 +52,23 @@ class ResolvePass:
     def __init__(self, shared: PassResources, target: PictureTarget) -> None:
         self._shared = shared
         self._target = target
+        self._slots = SlotResolve(shared, target)
 
     def resolve(self, tile: Tile, frame: PictureFrame) -> None:
         """Sort and integrate the lists of a tile into the target."""
         with self._shared.timer.stage("resolve"):
+            if frame.in_slots:
+                self._resolve_slots(tile, frame)
+                return
             chains = not self._shared.scene.has_mask and frame.settings.sort_capacity >= RUN
             if not chains or self._resolve_chains(tile, frame):
                 self._resolve_rest(tile, frame, first=not chains)
+
+    def _resolve_slots(self, tile: Tile, frame: PictureFrame) -> None:
+        """Resolve the lists in slots."""
+        broken = self._slots.resolve(tile, frame, self._constants(frame))
+        if broken and self._resolve_balanced(tile, frame, broken):
+            self._resolve_rest(tile, frame, first=False)
 
     def _resolve_chains(self, tile: Tile, frame: PictureFrame) -> bool:
         """Resolve the lists that are chains, by classes of length; return whether any list is left."""
@@ -65,7 +77,15 @@ class ResolvePass:
             if RUN * runs > frame.settings.sort_capacity:
                 break
             before = int(counters["longer_lists"])
-            self._run_resolve("resolve_chain", tile, frame, first=number == 0, RUNS=runs)
+            self._run_resolve(
+                "resolve_chain",
+                tile,
+                frame,
+                first=number == 0,
+                RUN=RUN,
+                RUNS=runs,
+                FACE_BAND=self._shared.scene.face_band,
+            )
             counters = self._shared.pool.counters()
             longer = int(counters["longer_lists"]) > before
             if not longer:
@@ -76,7 +96,7 @@ class ResolvePass:
         """Resolve those of the lists that are no chains which add up; return how many such lists are left."""
         if broken == 0 or frame.settings.sort_capacity < RUN * BALANCED_RUNS:
             return broken
-        self._run_resolve("resolve_balanced", tile, frame, first=False, RUNS=BALANCED_RUNS)
+        self._run_resolve("resolve_balanced", tile, frame, first=False, RUN=RUN, RUNS=BALANCED_RUNS)
         return broken - int(self._shared.pool.counters()["balanced_lists"])
 
     def _resolve_rest(self, tile: Tile, frame: PictureFrame, *, first: bool) -> None:
@@ -96,15 +116,12 @@ class ResolvePass:
         self, entry: str, tile: Tile, frame: PictureFrame, *, first: bool, **constants: int
     ) -> None:
         """Run one program of the resolve pass over a tile: the first one, or one that finds something done."""
-        constants |= self._shared.scene.constants | {
-            "SHADING": frame.shading,
-            "SEGMENT_RULE": SEGMENT_RULES[frame.settings.segment],
-        }
+        constants |= self._constants(frame)
         stage = resolve_stage(self._shared.ctx, frame.settings.stage)
         supply = resolve_supply(compute=stage is ResolveStage.COMPUTE)
         if stage is ResolveStage.FRAGMENT:
             screen = "screen.vert" if first else "open_blocks.vert"
-            takes = {} if first else {"TAKES": TAKEN[entry]}
+            takes = {} if first else {"TAKES": self._taken(entry, frame)}
             program = self._shared.programs.graphics(screen, f"{entry}.frag", supply, **takes, **constants)
             if first:
                 self._target.fill(tile, program)
@@ -113,6 +130,16 @@ class ResolvePass:
         else:
             self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", supply, **constants))
         self._shared.ctx.memory_barrier()
+
+    def _taken(self, entry: str, frame: PictureFrame) -> int:
+        """Which lists the last of the programs takes, for open_blocks.vert."""
+        seen = self._shared.scene.face_band < 0  # else empty lists in slots need no program
+        return BROKEN if frame.in_slots and not seen else TAKEN[entry]
+
+    def _constants(self, frame: PictureFrame) -> dict[str, int]:
+        """Of every program of the pass."""
+        rule = SEGMENT_RULES[frame.settings.segment]
+        return self._shared.scene.constants | {"SHADING": frame.shading, "SEGMENT_RULE": rule}
 
     def _merge_long_lists(self, tile: Tile, longest: int) -> None:
         """Sort the lists above LINK_SORT_LIMIT, one merge pass per call."""

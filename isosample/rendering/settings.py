@@ -26,10 +26,12 @@ class BuildStage(enum.Enum):
     """Shader stage that rasterises the surfaces.
 
     FRAGMENT is the graphics pipeline. COMPUTE are compute shaders, as long as all triangles in the picture lie in front
-    of the eye and each in a box of 64 pixels, no cells are masked, and vertices and indices fit one storage block each;
+    of the eye and each in a box of 64 pixels, and no cells are masked;
     else FRAGMENT takes its place, for the tile where that is found and those that follow it
     (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes each, of curved triangles 40, beside the mesh
     budget (`FrameStatistics.projected_bytes`).
+    Lists of at most 64 crossings are then in slots of their pixels (`FrameStatistics.slot_tiles`) if `stage` is AUTO
+    and the fragment budget has room for a row of pixels; the others are linked.
     AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
     """
 

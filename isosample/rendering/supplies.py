@@ -23,9 +23,11 @@ STORAGE_BLOCKS = {
     "Vertices": "VERTICES",
     "Indices": "INDICES",
     "Residuals": "RESIDUALS",
+    "Packets": "PACKETS",
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 NODES = {"nodes": "uimage2D"}
+SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
 
@@ -96,7 +98,7 @@ def project_supply() -> Supply:
     """Of the build pass by compute shaders: vertices."""
     return Supply(
         blocks=blocks("FrameBlock", "Vertices"),
-        uniforms={"vertex_count": "uint", "first_vertex": "uint", **PROJECTED},
+        uniforms={"vertex_count": "uint", "first_vertex": "uint", "window_vertex": "uint", **PROJECTED},
         optional=frozenset({"positions"}),
     )
 
@@ -104,11 +106,11 @@ def project_supply() -> Supply:
 @cache
 def raster_supply() -> Supply:
     """Of the build pass by compute shaders: triangles."""
-    uniforms = {"level": "uint", "first_index": "uint", "triangle_count": "uint"}
+    uniforms = {"level": "uint", "first_index": "uint", "triangle_count": "uint", "slot_count": "uint"}
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals"),
-        uniforms=uniforms | PROJECTED | NODES,
-        optional=frozenset({"positions", "Residuals"}),
+        uniforms=uniforms | PROJECTED | NODES | SLOTS,
+        optional=frozenset({"positions", "Residuals", "slot_count", *NODES, *SLOTS}),
     )
 
 
@@ -120,6 +122,33 @@ def resolve_supply(*, compute: bool) -> Supply:
         blocks=blocks("FrameBlock", "Heads", *scene),
         uniforms=NODES | (IMAGE if compute else {}),
         optional=frozenset({*scene, *NODES}),
+    )
+
+
+@cache
+def group_supply() -> Supply:
+    """Of the pass that groups packets of pixels."""
+    return Supply(blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets"))
+
+
+@cache
+def slot_supply() -> Supply:
+    """Of the resolve pass, lists in slots."""
+    scene = ("Bands", "Levels", "Boundary")
+    return Supply(
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", *scene),
+        uniforms={"first_packet": "uint", "packet_number": "uint"} | SLOTS | IMAGE,
+        optional=frozenset({*scene, *SLOTS}),
+    )
+
+
+@cache
+def spill_supply() -> Supply:
+    """Of the pass that makes lists of what is in slots."""
+    return Supply(
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets"),
+        uniforms=SLOTS | NODES,
+        optional=frozenset(SLOTS),
     )
 
 

@@ -14,7 +14,9 @@ import numpy.typing as npt
 from isosample.errors import CapacityError
 from isosample.gl.context import is_software, limits
 from isosample.gl.memory import with_room
+from isosample.rendering.chunk_stream import VERTEX_DTYPE
 from isosample.rendering.frame import shared_constants
+from isosample.rendering.mesh_batch import INDEX_BYTES
 from isosample.rendering.settings import BuildStage
 from isosample.rendering.supplies import project_supply, raster_supply
 
@@ -34,6 +36,7 @@ Bool = npt.NDArray[np.bool_]
 WORK_GROUP = 64  # local size of both shaders
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
 MOST_GROUPS = 65535  # of one dispatch along x: what every OpenGL allows
+WINDOW_SLACK = 64  # invocations: a window may begin at so many items, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs no such images."
@@ -84,8 +87,17 @@ class TriangleRaster:
             return False
         return asked is BuildStage.COMPUTE or self._largest_cell(frame) <= LARGEST_CELL
 
-    def build(self, frame: PictureFrame, passes: Sequence[Pass]) -> bool:
-        """Append all crossings of a tile, which is bound, to its lists; False where there is no room for that."""
+    def build(self, frame: PictureFrame, passes: Sequence[Pass], *, slots: int = 0) -> bool:
+        """Append all crossings of a tile, which is bound, to its lists; False where there is no room for that.
+
+        Parameters
+        ----------
+        frame : PictureFrame
+        passes : sequence of Pass
+            Of the tile.
+        slots : int
+            How many a pixel has; 0: the lists are linked.
+        """
         shown = np.any([one.shown for one in passes], axis=0)
         budget = frame.settings.mesh_budget_bytes
         for batch in self._shared.scene.meshes.batches(shown, budget, frame.residual):
@@ -95,7 +107,7 @@ class TriangleRaster:
             if self._projected is None or self._projected[0] is not batch or self._projected[1] is not frame:
                 self._project(batch, frame)
                 self._projected = (batch, frame)
-            self._rasterise(batch, frame, shown)
+            self._rasterise(batch, frame, shown, slots)
         return True
 
     def _largest_cell(self, frame: PictureFrame) -> float:
@@ -125,7 +137,7 @@ class TriangleRaster:
         names = [name for name in COMPONENTS if name != "positions" or frame.curved]
         size = sum(4 * COMPONENTS[name] for name in names) * row * rows
         allowed = limits(self._shared.ctx)
-        if rows > allowed.texture_size or batch.largest_buffer_bytes > allowed.storage_block_bytes:
+        if rows > allowed.texture_size or batch.residual_bytes > allowed.storage_block_bytes:
             return False
         for name in names:
             held = self._images.get(name)
@@ -145,38 +157,51 @@ class TriangleRaster:
         return True
 
     def _project(self, batch: Batch, frame: PictureFrame) -> None:
-        """Project the vertices of a batch."""
+        """Project the vertices of what a batch has of a picture, other tiles of it included."""
+        shown = np.any([one.shown for one in frame.passes], axis=0)
+        binding, most = shared_constants()["BINDING_VERTICES"], self._most_at_once(VERTEX_DTYPE.itemsize)
         program = self._shared.programs.compute("project.comp", project_supply(), CURVED=int(frame.curved))
-        batch.bind_vertices(shared_constants()["BINDING_VERTICES"])
-        program["vertex_count"] = batch.vertex_count
-        for first, groups in _dispatches(batch.vertex_count):
-            program["first_vertex"] = first
-            program.run(groups)
+        for start, count in zip(*(run.tolist() for run in batch.vertex_runs(shown)), strict=True):
+            program["vertex_count"] = start + count
+            for first, groups in _dispatches(count, most):
+                program["first_vertex"] = start + first
+                window = (start + first, min(count - first, WORK_GROUP * groups))
+                program["window_vertex"] = batch.bind_vertices(binding, *window)
+                program.run(groups)
         self._shared.ctx.memory_barrier()
 
-    def _rasterise(self, batch: Batch, frame: PictureFrame, shown: Bool) -> None:
+    def _rasterise(self, batch: Batch, frame: PictureFrame, shown: Bool, slots: int) -> None:
         """Rasterise the triangles of a batch, level by level."""
         constants = {
             **frame.build_constants,
             "PERSPECTIVE": int(frame.block[0]["perspective"] != 0.0),
             "SUBPIXEL_BITS": SUBPIXEL_BITS,
+            "SLOTS": int(slots > 0),
         }
         program = self._shared.programs.compute("build.comp", raster_supply(), **constants)
-        batch.bind_triangles(shared_constants()["BINDING_INDICES"], shared_constants()["BINDING_RESIDUALS"])
+        binding, most = shared_constants()["BINDING_INDICES"], self._most_at_once(3 * INDEX_BYTES)
+        batch.bind_residuals(shared_constants()["BINDING_RESIDUALS"])
+        if slots:
+            program["slot_count"] = slots
         for level, first, count in zip(*(run.tolist() for run in batch.runs(shown)), strict=True):
             program["level"] = level
-            for start, groups in _dispatches(count // 3):
-                program["first_index"] = first + 3 * start
+            for start, groups in _dispatches(count // 3, most):
+                window = (first + 3 * start, 3 * min(count // 3 - start, WORK_GROUP * groups))
+                program["first_index"] = window[0] - batch.bind_indices(binding, *window)
                 program["triangle_count"] = count // 3 - start
                 program.run(groups)
         self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
+
+    def _most_at_once(self, item: int) -> int:
+        """Invocations of one call, each of which reads `item` bytes: as many as groups and a storage block allow."""
+        readable = limits(self._shared.ctx).storage_block_bytes // item
+        return min(MOST_GROUPS * WORK_GROUP, readable // WORK_GROUP * WORK_GROUP - WINDOW_SLACK)
 
     def _bind_images(self) -> None:
         for name, image in self._images.items():
             image.bind_to_image(shared_constants()[f"BINDING_{name.upper()}"], read=True, write=True)
 
 
-def _dispatches(count: int) -> list[tuple[int, int]]:
-    """First invocation and work groups of each of the calls that `count` invocations take."""
-    most = MOST_GROUPS * WORK_GROUP
+def _dispatches(count: int, most: int) -> list[tuple[int, int]]:
+    """First invocation and work groups of each of the calls that `count` invocations take, `most` at a time."""
     return [(first, -(-min(count - first, most) // WORK_GROUP)) for first in range(0, count, most)]

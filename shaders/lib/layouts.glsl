@@ -22,6 +22,9 @@ const int BINDING_RESIDUALS = 1;         // storage, of the same: how far the fi
 const int BINDING_PLACES = 2;            // image unit, of the same: where the vertices are in the picture [pixel], VERTEX_ROW in a row
 const int BINDING_CORNERS = 3;           // image unit, of the same: gradients and depths of the vertices
 const int BINDING_POSITIONS = 4;         // image unit, of the same: positions and moments of the vertices
+const int BINDING_SLOTS = 5;             // image unit: crossings in the slots of pixels, see pass/slots.glsl
+const int BINDING_SLOT_NORMALS = 6;      // image unit: their packed normals, of lit pictures
+const int BINDING_PACKETS = 1;           // storage: packets of pixels by the length of their lists, see group_packets.comp
 const int UNIT_VOLUME = 0;               // texture unit: normalised samples, or spline coefficients
 const int UNIT_MACROCELLS = 1;           // texture unit: of an empty macrocell the leaps in eight octants, else the step multiplier, see below
 const int UNIT_TRANSFER = 2;             // texture unit: the transfer function, see the texels below
@@ -53,9 +56,15 @@ const uint LEAP_MASK = 15u;              // the first leap
 const int RAY_BLOCK = 8;                 // edge of the blocks of pixels whose rays leap over empty macrocells together [pixel]
 const int RESOLVE_BLOCK = 4;             // edge of the blocks of open_blocks.vert [pixel]: what llvmpipe shades at once
 const uint NODE_ROW = 4096u;             // nodes in a row of the fragment pool
+const uint SLOT_GROUP = 16u;             // a pixel has so many slots, or a multiple
+const uint SLOT_ROW = 4096u;             // crossings in a row of the images of slots
+const uint PACKET_CLASSES = 6u;          // of packets, by their longest list: none, up to 8 crossings, up to 16, 32, 48 and 64
+const int PACKET_WIDTH = 4;              // pixels of a packet to the right,
+const int PACKET_HEIGHT = 2;             // and up: what llvmpipe shades at once
+const uint PACKET_PIXELS = 8u;           // in all
 const uint VERTEX_ROW = 4096u;           // vertices in a row of the images of the build pass by compute shaders
 const int LARGEST_TRIANGLE = 64;         // edge of the largest box around a triangle that these rasterise [pixel]: 2 (64 · 256)² fits 32 bits, and
-                                         // the loops of 8 triangles that llvmpipe runs at once, 9 · 65² turns at most, end before its 65535
+                                         // the loops of 8 triangles that llvmpipe runs at once, 2 · 65² + 8 · 66 turns at most, end before its 65535
 const float NOT_IN_PICTURE = 1e30;       // in place of the x of a vertex that cannot be projected; y: 1 behind the eye, 0 too far aside
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray
@@ -92,6 +101,8 @@ struct Counters {
     uint broken_chains;                  // and because they are no chains;
     uint balanced_lists;                 // of these resolved, as their crossings add up
     uint rasterised;                     // by compute shaders: fragments, counted triangle by triangle
+    uint broken_nodes;                   // crossings of the lists that are no chains, where they are in slots,
+    uint spilled;                        // and how many of these were put into linked lists
     uint unsuited;                       // triangles that these cannot rasterise: then there is no list at all
 };
 

@@ -2,99 +2,148 @@
 // of the value where the ray enters the box to that of the value where it leaves. Almost all are; the others are left to
 // pass/resolve.glsl, which makes the same of a chain, bit for bit, but takes longer: software renderers run every branch of a
 // shader for all pixels.
-// Expects the constants of pass/pixel.glsl and RUNS: how many runs of RUN nodes a list may have.
+// Expects the constants of pass/pixel.glsl, RUN and RUNS: how many runs of RUN nodes a list may have; and FACE_BAND: the band of all values
+// on the faces of the box if nothing is visible in it, or -1.
 
 #include "pass/pixel.glsl"
 #include "pass/runs.glsl"
-
-const int CHAIN_WALKED = 0;
-const int CHAIN_LEFT = 1;                // to the program of the next class
-const int CHAIN_BROKEN = 2;
 
 bool holds(int band, float value) {
     return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
 }
 
+// Values where a ray enters and leaves the box, and whether such a value lies in a band.
+vec2 face_values(vec3 origin, vec2 inside) {
+#if FACE_BAND >= 0
+    return vec2(0.0);
+#else
+    return vec2(face_value(origin, inside.x).x, face_value(origin, inside.y).x);
+#endif
+}
+
+bool borders(int band, float value) {
+#if FACE_BAND >= 0
+    return band == FACE_BAND;
+#else
+    return holds(band, value);
+#endif
+}
+
+int border_band(float value) {
+#if FACE_BAND >= 0
+    return FACE_BAND;
+#else
+    return band_of(value);
+#endif
+}
+
 #if RUNS > 0
+// Where the present segment ends: at the crossing `node`, or where the ray leaves the box.
+struct SegmentEnd {
+    Node node;
+    uint number;                          // of the crossing in the list; its length where the ray leaves
+    float before;                         // distance of the crossing before
+    bool leaving;
+    bool broken;                          // the list is no chain
+    float distance;                       // of the end, in the box and not in front of the segment's beginning [world]
+};
+
+// Whether nothing can be seen of the present segment and of the crossing at its end.
+bool is_hidden() {
+#if LEVEL_LIGHT
+    return false;
+#else
+    return current_band().extinction_max == 0.0;
+#endif
+}
+
+void look_at_end(inout SegmentEnd end, uint length, vec2 inside, vec2 values) {
+    end.leaving = end.number == length;
+    bool goes_on = end.leaving ? borders(walk.band, values.y)
+                               : band_before(end.node) == walk.band && end.node.distance > end.before;
+    end.broken = !goes_on;
+    end.before = end.node.distance;
+    end.distance = end.leaving ? inside.y : max(clamp(end.node.distance, inside.x, inside.y), walk.distance);
+}
+
+// Through the crossing at the end of the segment.
+void pass_crossing(inout SegmentEnd end, uint length) {
+    bool rising = is_rising(end.node);
+    walk.band += rising ? 1 : -1;
+    walk.position = rising ? 0.0 : 1.0;
+    ++end.number;
+    if (end.number < length) end.node = take_next();
+}
+
+// Slope at a crossing, along the ray.
+float signed_slope(Node node) { return is_rising(node) ? node_slope(node) : -node_slope(node); }
+
+// To the next segment of which something may be seen, or the last one.
+void pass_hidden(inout SegmentEnd end, uint length, vec2 inside, vec2 values) {
+    bool passes;
+    do {
+        look_at_end(end, length, inside, values);
+        passes = !end.broken && !end.leaving && is_hidden();
+        if (passes) {
+            walk.distance = end.distance;
+            walk.slope = signed_slope(end.node);
+            walk.normal = end.node.normal;
+            pass_crossing(end, length);
+        }
+    } while (passes);
+}
+
 // Walks along a ray that enters and leaves the box at the distances `inside`, with the values there; false if the list is no
 // chain. Nodes at one distance make it none, as more than the distance decides their order.
+//   Software renderers run the integral of a segment for all pixels of a packet as soon as one needs it: hence the loop inside
+// the loop.
 bool walk_chain(uint length, vec2 inside, vec2 values) {
     begin_merge(length);
-    Node node = take_next();
-    walk.band = length > 0u ? band_before(node) : band_of(values.x);
-    if (!holds(walk.band, values.x)) return false;
+    SegmentEnd end;
+    end.node = take_next();
+    end.number = 0u;
+    end.before = -BEYOND;
+    walk.band = length > 0u ? band_before(end.node) : border_band(values.x);
+    if (!borders(walk.band, values.x)) return false;
     Band band = current_band();
     walk.distance = inside.x;
     walk.position = band_position(band.value_low, band.inverse_width, values.x);
-    float before = -BEYOND;
-    uint i = 0u;
+    pass_hidden(end, length, inside, values);
+    bool ended;
     do {
-        bool leaving = i == length;
-        bool goes_on = leaving ? holds(walk.band, values.y) : band_before(node) == walk.band && node.distance > before;
-        if (!goes_on) return false;
-        before = node.distance;
-        bool rising = is_rising(node);
-        float slope = node_slope(node);
-        float distance = leaving ? inside.y : max(clamp(node.distance, inside.x, inside.y), walk.distance);
-        float position = rising ? 1.0 : 0.0;
-        if (leaving) {
+        if (!end.broken) {
             band = current_band();
-            position = band_position(band.value_low, band.inverse_width, values.y);
+            float position = end.leaving ? band_position(band.value_low, band.inverse_width, values.y) : is_rising(end.node) ? 1.0 : 0.0;
+            advance(end.distance, position, end.leaving ? UNKNOWN_SLOPE : signed_slope(end.node), end.leaving ? NO_NORMAL : end.node.normal);
+            if (!end.leaving) {
+                composite_level(int(end.node.surface & LEVEL_MASK), node_slope(end.node), end.node.normal);
+                pass_crossing(end, length);
+            }
         }
-        advance(distance, position, leaving ? UNKNOWN_SLOPE : (rising ? slope : -slope), leaving ? NO_NORMAL : node.normal);
-        if (!leaving) {
-            composite_level(int(node.surface & LEVEL_MASK), slope, node.normal);
-            walk.band += rising ? 1 : -1;
-            walk.position = rising ? 0.0 : 1.0;
-        }
-        ++i;
-        if (i < length) node = take_next();
-    } while (i <= length && walk.transmittance >= frame.min_transmittance);
+        ended = end.broken || end.leaving || walk.transmittance < frame.min_transmittance;
+        if (!ended) pass_hidden(end, length, inside, values);
+        ended = ended || end.broken || (end.leaving && is_hidden());
+    } while (!ended);
+    if (end.broken) return false;
     if (walk.transmittance >= frame.min_transmittance) return true;
     // Behind an opaque front the rest has to go on, too: else another band might be the one in which the walk begins.
-    int last = walk.band;
-    for (; i <= length; ++i) {
-        bool goes_on = i == length ? holds(last, values.y) : band_before(node) == last && node.distance > before;
-        if (!goes_on) return false;
-        before = node.distance;
-        last = band_after(node);
-        if (i + 1u < length) node = take_next();
+    if (!end.leaving) {
+        do {
+            look_at_end(end, length, inside, values);
+            if (!end.broken && !end.leaving) pass_crossing(end, length);
+        } while (!end.broken && !end.leaving);
     }
+    if (end.broken) return false;
     atomicAdd(counters.terminated_rays, 1u);
     return true;
 }
 
-// Resolves a pixel with the list that begins at `head`.
-int resolve_chain(ivec2 pixel, uint head) {
-    vec3 origin = begin_pixel(pixel);
-    vec2 inside = box_of_ray(origin, ray_direction);
-    uint length = 0u;
-    head = load_list(head, length);
-    if (head != LIST_END) return CHAIN_LEFT;
-    if (is_seen(inside)) {
-        vec2 values = vec2(face_value(origin, inside.x).x, face_value(origin, inside.y).x);
-        if (!walk_chain(length, inside, values)) return CHAIN_BROKEN;
-    }
-    count_list(length);
-    if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);
-    return CHAIN_WALKED;
-}
 #else
-// Resolves a pixel if its list is empty and nothing is visible in its only band.
-int resolve_chain(ivec2 pixel, uint head) {
-    if (head != LIST_END) return CHAIN_LEFT;
-    vec3 origin = begin_pixel(pixel);
-    vec2 inside = box_of_ray(origin, ray_direction);
-    int band = band_of(face_value(origin, inside.x).x);
-    bool empty = bands[band].extinction_max == 0.0 && holds(band, face_value(origin, inside.y).x);
-    return empty || !is_seen(inside) ? CHAIN_WALKED : CHAIN_LEFT;
+// Whether an empty list is a chain, and nothing is visible in its only band.
+bool is_empty_chain(vec3 origin, vec2 inside) {
+    if (!is_seen(inside)) return true;
+    vec2 values = face_values(origin, inside);
+    int band = border_band(values.x);
+    return bands[band].extinction_max == 0.0 && borders(band, values.y);
 }
 #endif
-
-// Notes what became of a pixel's list, for the programs that follow.
-void note_result(ivec2 pixel, uint head, int result) {
-    uint number = pixel_number(pixel - frame.tile_origin);
-    if (result == CHAIN_LEFT) atomicAdd(counters.longer_lists, 1u);
-    else if (result == CHAIN_BROKEN) { heads[number] = head | BROKEN_LIST; atomicAdd(counters.broken_chains, 1u); }
-    else heads[number] = LIST_DONE;
-}

@@ -1,7 +1,6 @@
 // A list sorted by distance: runs of RUN nodes, each sorted in registers, and merged as they are taken.
-// Expects the buffers of pass/pixel.glsl and RUNS: how many runs a list may have.
+// Expects the buffers of pass/pixel.glsl, RUN, 8 or 16, and RUNS: how many runs a list may have.
 
-const int RUN = 16;
 const float BEYOND = 3e38;                // no distance is larger
 
 #if RUNS > 0
@@ -54,14 +53,21 @@ float run_next[RUNS];                     // distance of the next node of every 
 int run_place[RUNS];                      // and where it is
 
 void begin_merge(uint length) {
+#if RUNS == 1
+    run_place[0] = 0;
+#else
     for (int run = 0; run < RUNS; ++run) {
         run_place[run] = run * RUN;
         run_next[run] = uint(run * RUN) < length ? sorted_distances[run * RUN] : BEYOND;
     }
+#endif
 }
 
 // Where the next node is in the arrays.
 int next_place() {
+#if RUNS == 1
+    return run_place[0]++;
+#else
     int nearest = 0;
     int place = run_place[0];
     float distance = run_next[0];
@@ -78,6 +84,7 @@ int next_place() {
         run_next[run] = run == nearest ? next : run_next[run];
     }
     return place;
+#endif
 }
 
 Node take_next() {

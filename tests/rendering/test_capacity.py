@@ -17,7 +17,7 @@ from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.fragment_pool import ROOM
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.scene import LevelRange, Scene
-from isosample.rendering.settings import RenderSettings, ResolveStage
+from isosample.rendering.settings import BuildStage, RenderSettings, ResolveStage
 from isosample.rendering.tiles import Tile, strips, tiles_that_fit
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     import moderngl
 
 NODE_BYTES = 16
+LINKED = RenderSettings(build_stage=BuildStage.FRAGMENT)
+SLOTTED = RenderSettings(build_stage=BuildStage.COMPUTE)  # lists in slots
 BLOCK_LIMIT = 128 << 20  # Mesa's storage block, which every scene must manage with
 
 
@@ -182,7 +184,12 @@ def test_lost_fragments_stop_the_frame(gl: moderngl.Context, monkeypatch: pytest
         build = abuffer._builder._build
         monkeypatch.setattr(abuffer._builder, "_build", lambda tile, frame: (build(tile, frame)[0], 1, False))
         with pytest.raises(LostFragmentsError, match="1 fragments were rasterised"):
-            abuffer.render(camera, (64, 64), RenderSettings())
+            abuffer.render(camera, (64, 64), LINKED)
+        slots = abuffer._builder._slots
+        fill = slots.build
+        monkeypatch.setattr(slots, "build", lambda tile, frame: fill(tile, frame) and 1)
+        with pytest.raises(LostFragmentsError, match="1 fragments were rasterised"):
+            abuffer.render(camera, (64, 64), SLOTTED)
 
 
 @pytest.mark.parametrize("lost", ["stored", "linked"])
@@ -228,9 +235,9 @@ def test_lists_that_lead_nowhere_or_in_circles_stop_the_reading(
 def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl.Context) -> None:
     scene, camera = translucent_scene()
     with ABuffer(gl, scene) as abuffer:
-        _, first = abuffer.render(camera, (32, 32), RenderSettings())
-        _, larger = abuffer.render(camera, (64, 64), RenderSettings())
-        _, again = abuffer.render(camera, (32, 32), RenderSettings())
+        _, first = abuffer.render(camera, (32, 32), LINKED)
+        _, larger = abuffer.render(camera, (64, 64), LINKED)
+        _, again = abuffer.render(camera, (32, 32), LINKED)
     row = shared_constants()["NODE_ROW"] * NODE_BYTES
     assert first.pool_bytes == math.ceil(int(ROOM * first.fragments) * NODE_BYTES / row) * row
     assert larger.pool_bytes == again.pool_bytes >= larger.fragments * NODE_BYTES

@@ -17,7 +17,7 @@ from isosample.rendering.device_meshes import bytes_of
 from isosample.rendering.frame import frame_block
 from isosample.rendering.mesh_batch import GAP, runs
 from isosample.rendering.scene import Scene
-from isosample.rendering.settings import ClipPlane, RenderSettings
+from isosample.rendering.settings import BuildStage, ClipPlane, RenderSettings
 from isosample.rendering.tiles import Tile
 from isosample.surfaces.extract import extract_surfaces
 from isosample.surfaces.out_of_core import extract_into_store
@@ -342,7 +342,8 @@ def test_a_second_split_picture_builds_nothing_in_vain(
 ) -> None:
     volume = waves()
     camera = Camera.orbit(volume.box, azimuth=30, elevation=20, zoom=3)
-    small = RenderSettings(fragment_budget_bytes=1 << 16)
+    linked = RenderSettings(build_stage=BuildStage.FRAGMENT)
+    small = replace(linked, fragment_budget_bytes=1 << 16)
     with ABuffer(gl, scene_of(volume)) as abuffer:
         first, split = abuffer.render(camera, SIZE, small)
         built: list[Tile] = []
@@ -355,10 +356,10 @@ def test_a_second_split_picture_builds_nothing_in_vain(
         monkeypatch.setattr(abuffer._builder, "_build", build_and_note)
         second, again = abuffer.render(camera, SIZE, small)
         assert len(built) == again.tiles == split.tiles > 2
-        third, whole = abuffer.render(camera, SIZE, RenderSettings())
+        third, whole = abuffer.render(camera, SIZE, linked)
         assert whole.tiles == 1
         built.clear()
-        abuffer.render(camera, SIZE, RenderSettings())
+        abuffer.render(camera, SIZE, linked)
         assert len(built) == 1
     assert np.array_equal(first, second)
     assert np.array_equal(first, third)

@@ -57,7 +57,7 @@ PASSES: dict[str, tuple[Compile, Callable[[], Supply]]] = {
     ),
     "resolve": (
         lambda programs, supply: programs.graphics(
-            "screen.vert", "resolve_chain.frag", supply, RUNS=1, **RESOLVE
+            "screen.vert", "resolve_chain.frag", supply, RUN=16, RUNS=1, FACE_BAND=-1, **RESOLVE
         ),
         lambda: resolve_supply(compute=False),
     ),

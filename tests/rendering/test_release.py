@@ -15,7 +15,7 @@ from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera
 from isosample.rendering.raycaster import RayCaster
 from isosample.rendering.scene import Scene
-from isosample.rendering.settings import RenderSettings
+from isosample.rendering.settings import BuildStage, RenderSettings
 from isosample.surfaces.out_of_core import extract_into_store
 from isosample.surfaces.store import MeshStore
 from isosample.transfer.isovalues import plan_isovalues
@@ -113,32 +113,38 @@ def without_room_for(monkeypatch: pytest.MonkeyPatch, number: int, work: Callabl
     return None
 
 
+@pytest.mark.parametrize("stage", [BuildStage.FRAGMENT, BuildStage.COMPUTE])
 def test_whatever_the_a_buffer_finds_no_room_for_is_named_and_freed(
-    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, buffers: list[moderngl.Buffer]
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, buffers: list[moderngl.Buffer], stage: BuildStage
 ) -> None:
+    look = RenderSettings(build_stage=stage)
     scene = scene_of(waves(8))
     camera = Camera.orbit(scene.geometry.box)
     with ABuffer(gl, scene) as abuffer:
-        expected, _ = abuffer.render(camera, SIZE, RenderSettings())
+        expected, _ = abuffer.render(camera, SIZE, look)
     said: list[str] = []
 
     def work() -> npt.NDArray[np.float32]:
         with ABuffer(gl, scene) as abuffer:
             try:
-                return abuffer.render(camera, SIZE, RenderSettings())[0]
+                return abuffer.render(camera, SIZE, look)[0]
             except CapacityError:  # with room again, the same object goes on
-                assert np.array_equal(abuffer.render(camera, SIZE, RenderSettings())[0], expected)
+                assert np.array_equal(abuffer.render(camera, SIZE, look)[0], expected)
                 raise
 
     while (message := without_room_for(monkeypatch, len(said), work)) is not None:
         said.append(message)
         assert held(buffers) == 0
+    own = {
+        BuildStage.FRAGMENT: ("nodes of fragment lists",),
+        BuildStage.COMPUTE: ("slots of fragments", "packets of pixels", "projected vertices"),
+    }
     for part in (
+        *own[stage],
         "a table of the scene",
         "fewer isovalues",
         "meshes",
         "--mesh-budget",
-        "nodes of fragment lists",
         "fragment_budget_bytes",
         f"the list heads of {SIZE[0] * SIZE[1]} pixels",
         f"a picture of {SIZE[0]} x {SIZE[1]} pixels, {16 * SIZE[0] * SIZE[1]} bytes",

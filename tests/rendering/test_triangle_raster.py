@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import moderngl
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from isosample.gl.context import is_software, limits
 from isosample.rendering import triangle_raster
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
+from isosample.rendering.mesh_batch import OFFSET_ALIGNMENT
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import BuildStage, Material, RenderSettings
 from isosample.surfaces.extract import extract_surfaces
@@ -23,7 +25,6 @@ from isosample.volume.grid import Volume
 from rendering.scenes import ramp_tf
 
 if TYPE_CHECKING:
-    import moderngl
     import numpy.typing as npt
 
     from isosample.rendering.fragment_lists import FragmentLists
@@ -293,17 +294,43 @@ def test_several_dispatches_make_the_same_picture(
     np.testing.assert_array_equal(pictures[1], pictures[0])
 
 
-def test_buffers_beyond_a_storage_block_are_left_to_the_pipeline(
+def test_buffers_beyond_a_storage_block_are_read_in_windows(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, camera = nucleon_seen()
-    largest = replace(limits(gl), storage_block_bytes=1 << 16)
+    block = 1 << 14
+    largest = replace(limits(gl), storage_block_bytes=block)
+    bound: list[int] = []
+    bind = moderngl.Buffer.bind_to_storage_buffer
+
+    def bind_and_note(buffer: moderngl.Buffer, binding: int, offset: int = 0, size: int = -1) -> None:
+        if size >= 0:
+            assert offset % OFFSET_ALIGNMENT == 0
+            assert offset + size <= buffer.size
+            bound.append(size)
+        bind(buffer, binding, offset=offset, size=size)
+
     with ABuffer(gl, scene) as abuffer:
-        expected, _ = abuffer.render(camera, SIZE, FRAGMENT)
+        expected, _ = abuffer.render(camera, SIZE, COMPUTE)
         monkeypatch.setattr(triangle_raster, "limits", lambda _: largest)
+        monkeypatch.setattr(moderngl.Buffer, "bind_to_storage_buffer", bind_and_note)
         found, statistics = abuffer.render(camera, SIZE, COMPUTE)
-    assert statistics.compute_tiles == 0
+    assert statistics.compute_tiles == 1
+    assert max(bound) <= block < scene.vertices.nbytes / 4
+    assert len(bound) > 8
     np.testing.assert_array_equal(found, expected)
+
+
+def test_residuals_beyond_a_storage_block_are_left_to_the_pipeline(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, camera = nucleon_seen()
+    largest = replace(limits(gl), storage_block_bytes=1 << 14)
+    with ABuffer(gl, scene) as abuffer:
+        expected = abuffer.fragment_lists(camera, SIZE, FRAGMENT)
+        monkeypatch.setattr(triangle_raster, "limits", lambda _: largest)
+        found = abuffer.fragment_lists(camera, SIZE, COMPUTE)
+    np.testing.assert_array_equal(np.sort(found.distances), np.sort(expected.distances))
 
 
 def test_what_lies_behind_the_eye_is_left_out(gl: moderngl.Context) -> None:
@@ -352,6 +379,6 @@ def test_auto_goes_by_the_size_of_the_cells(gl: moderngl.Context, edge: int, exp
 
 def test_a_dispatch_never_exceeds_what_opengl_allows() -> None:
     most = 65535 * 64
-    assert triangle_raster._dispatches(0) == []
-    assert triangle_raster._dispatches(65) == [(0, 2)]
-    assert triangle_raster._dispatches(most + 1) == [(0, 65535), (most, 1)]
+    assert triangle_raster._dispatches(0, most) == []
+    assert triangle_raster._dispatches(65, most) == [(0, 2)]
+    assert triangle_raster._dispatches(most + 1, most) == [(0, 65535), (most, 1)]

@@ -1,0 +1,139 @@
+"""Slots: room for so many crossings of every pixel of a tile, in place of linked lists."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from isosample.gl.context import limits
+from isosample.gl.memory import with_room
+from isosample.rendering.fragment_pool import row_bytes
+from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.supplies import storage_bindings
+from isosample.tally import POOLS, tally
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from isosample.rendering.tiles import Tile
+
+# Classes of packets by their longest list, as in group_packets.comp: runs of so many crossings, and how many of them.
+CLASSES = ((8, 0), (8, 1), (16, 1), (16, 2), (16, 3), (16, 4))
+MOST_GROUPS = 4  # of slots: what the last class takes
+CROSSING_BYTES, NORMAL_BYTES = 8, 4
+WORD = 4  # bytes
+REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
+
+
+class CrossingSlots:
+    """Images of the slots, and the packets of pixels by the longest of their lists.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    """
+
+    def __init__(self, ctx: moderngl.Context) -> None:
+        self._ctx = ctx
+        self._images: dict[str, moderngl.Texture] = {}
+        self._packets: moderngl.Buffer | None = None
+        self._tile_packets = 0
+
+    def release(self) -> None:
+        """Free everything."""
+        for image in self._images.values():
+            image.release()
+        if self._packets is not None:
+            self._packets.release()
+        self._images, self._packets = {}, None
+
+    @property
+    def size_bytes(self) -> int:
+        """Memory of the images."""
+        row = shared_constants()["SLOT_ROW"]
+        return sum(WORD * image.components * row * image.height for image in self._images.values())
+
+    def most_rows(self, width: int, groups: int, *, lit: bool, budget_bytes: int) -> int:
+        """Rows of a tile `width` pixels wide whose slots fit the budget and the driver; whole packets of them.
+
+        There is then room for the fragment pool too, even if all lists have to become linked ones. Both come in whole
+        rows of their images.
+        """
+        constants = shared_constants()
+        row = _packets(width, constants["PACKET_WIDTH"]) * constants["PACKET_PIXELS"] * groups
+        most = self._most_crossings(lit=lit, budget_bytes=budget_bytes)
+        return most // (row * constants["SLOT_GROUP"]) * constants["PACKET_HEIGHT"]
+
+    def begin_tile(self, tile: Tile, groups: int, *, lit: bool, budget_bytes: int) -> None:
+        """Make room for groups of slots of every pixel, and empty the classes; parameters as `most_rows`.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room.
+        """
+        constants = shared_constants()
+        self._tile_packets = packet_total(tile)
+        crossings = groups * constants["SLOT_GROUP"] * self._tile_packets * constants["PACKET_PIXELS"]
+        rows = -(-crossings // constants["SLOT_ROW"])
+        allowed = -(-self._most_crossings(lit=lit, budget_bytes=budget_bytes) // constants["SLOT_ROW"])
+        if self.size_bytes > allowed * constants["SLOT_ROW"] * crossing_bytes(lit=lit):
+            self.release()  # they are left of a picture with a larger budget, or with light
+        self._reserve("slots", CROSSING_BYTES // WORD, rows)
+        if lit:
+            self._reserve("slot_normals", NORMAL_BYTES // WORD, rows)
+        size = WORD * (len(CLASSES) * (1 + self._tile_packets) + tile.pixel_count)
+        if self._packets is None or self._packets.size < size:
+            if self._packets is not None:
+                self._packets.release()
+            self._packets = None
+            buffer = self._ctx.buffer(reserve=size)
+            self._packets = with_room(self._ctx, buffer, "packets of pixels", size, REMEDY)
+        self._packets.write(np.zeros(len(CLASSES), dtype=np.uint32))
+
+    def bind(self) -> None:
+        """Bind the images and the packets."""
+        for name, image in self._images.items():
+            image.bind_to_image(shared_constants()[f"BINDING_{name.upper()}"], read=True, write=True)
+        if self._packets is not None:
+            self._packets.bind_to_storage_buffer(storage_bindings()["Packets"])
+
+    def packets(self) -> list[tuple[int, int]]:
+        """First packet of every class in the buffer, and how many there are."""
+        assert self._packets is not None
+        counts = np.frombuffer(self._packets.read(size=WORD * len(CLASSES)), dtype=np.uint32).tolist()
+        return [(len(CLASSES) + i * self._tile_packets, count) for i, count in enumerate(counts)]
+
+    def _most_crossings(self, *, lit: bool, budget_bytes: int) -> int:
+        crossing = crossing_bytes(lit=lit)
+        row = shared_constants()["SLOT_ROW"]
+        room = max(budget_bytes - row * crossing - row_bytes(), 0)
+        return min(room // (crossing + storage_dtype("Node").itemsize), limits(self._ctx).texture_size * row)
+
+    def _reserve(self, name: str, components: int, rows: int) -> None:
+        held = self._images.get(name)
+        if held is not None and held.height >= rows:
+            return
+        if held is not None:
+            self._images.pop(name).release()
+        row = shared_constants()["SLOT_ROW"]
+        tally(POOLS)
+        image = self._ctx.texture((row, rows), components, dtype="u4")
+        room = ("slots of fragments", WORD * components * row * rows, REMEDY)
+        self._images[name] = with_room(self._ctx, image, *room)
+
+
+def crossing_bytes(*, lit: bool) -> int:
+    """What a slot takes."""
+    return CROSSING_BYTES + NORMAL_BYTES * int(lit)
+
+
+def packet_total(tile: Tile) -> int:
+    """Packets of a tile."""
+    constants = shared_constants()
+    return _packets(tile.width, constants["PACKET_WIDTH"]) * _packets(tile.height, constants["PACKET_HEIGHT"])
+
+
+def _packets(pixels: int, edge: int) -> int:
+    return -(-pixels // edge)

@@ -1,0 +1,220 @@
+"""Lists in slots: the pictures of linked lists, bit for bit, however long the lists and however small the budget."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from isosample.integral.segment_rule import SegmentRule
+from isosample.rendering import mesh_batch
+from isosample.rendering.abuffer import ABuffer
+from isosample.rendering.camera import Camera, Projection
+from isosample.rendering.crossing_slots import CLASSES, MOST_GROUPS, packet_total
+from isosample.rendering.device_scene import DeviceScene
+from isosample.rendering.frame import shared_constants
+from isosample.rendering.mesh_batch import Batch
+from isosample.rendering.scene import Scene
+from isosample.rendering.settings import BuildStage, ClipPlane, Material, RenderSettings, ResolveStage
+from isosample.rendering.slot_resolve import takers
+from isosample.rendering.tiles import Tile
+from isosample.surfaces.extract import extract_surfaces
+from isosample.transfer.isovalues import plan_isovalues
+from isosample.volume.grid import Volume
+from rendering.test_capacity import layers
+from rendering.test_chains import TOLD, VOLUMES, camera_of, scene_of, smooth_volume, tents
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from isosample.rendering.frame_statistics import FrameStatistics
+
+SLOTTED = RenderSettings(build_stage=BuildStage.COMPUTE)
+SIZE = (53, 38)  # packets of 4 x 2 pixels stand over at two sides
+
+
+def assert_same(
+    gl: moderngl.Context, scene: Scene, camera: Camera, size: tuple[int, int], look: RenderSettings
+) -> FrameStatistics:
+    """The same picture and figures as with linked lists; a fresh renderer each."""
+    with ABuffer(gl, scene) as abuffer:
+        rgba, told = abuffer.render(camera, size, look)
+    with ABuffer(gl, scene) as abuffer:
+        expected, expected_told = abuffer.render(camera, size, replace(look, stage=ResolveStage.FRAGMENT))
+    assert expected_told.slot_tiles == 0
+    assert np.array_equal(rgba.view(np.uint32), expected.view(np.uint32))
+    for part in TOLD.split():
+        assert getattr(told, part) == getattr(expected_told, part), part
+    return told
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+@pytest.mark.parametrize("name", VOLUMES)
+def test_slots_give_the_picture_of_linked_lists(gl: moderngl.Context, name: str, kind: str) -> None:
+    volume = VOLUMES[name]()
+    scene = scene_of(volume, 2)
+    centre = np.asarray(volume.box.centre)
+    for look in (
+        SLOTTED,
+        replace(SLOTTED, material=Material(), min_transmittance=0.3),
+        replace(SLOTTED, clip_planes=(ClipPlane(0.3, -0.2, 1.0, float(-centre.sum())),)),
+        replace(SLOTTED, background=(0.2, 0.3, 0.4, 0.5), segment=SegmentRule.LINEAR),
+        replace(SLOTTED, segment=SegmentRule.CONSTANT_FIRST_ORDER),
+    ):
+        told = assert_same(gl, scene, camera_of(volume, kind), SIZE, look)
+        assert told.slot_tiles == told.tiles == told.compute_tiles == 1
+
+
+def test_lists_that_are_no_chains_leave_the_slots_for_the_programs_that_take_them(
+    gl: moderngl.Context,
+) -> None:
+    volume = VOLUMES["rough"]()
+    with ABuffer(gl, scene_of(volume, 2)) as abuffer:
+        _, told = abuffer.render(camera_of(volume, "orthographic"), SIZE, SLOTTED)
+        counters = abuffer._shared.pool.counters()
+    assert told.slot_tiles == 1
+    assert 0 < int(counters["balanced_lists"]) < int(counters["broken_chains"])  # both programs ran
+    assert int(counters["spilled"]) == int(counters["broken_nodes"]) > int(counters["broken_chains"])
+
+
+def test_a_slot_holds_nothing_of_an_earlier_picture(gl: moderngl.Context) -> None:
+    deep, shallow = smooth_volume(), camera_of(smooth_volume(), "perspective")
+    scene = scene_of(deep, 4)
+    lit = replace(SLOTTED, material=Material())
+    with ABuffer(gl, scene) as abuffer:
+        expected, _ = abuffer.render(shallow, SIZE, lit)
+    with ABuffer(gl, scene) as abuffer:
+        abuffer.render(camera_of(deep, "orthographic"), (64, 64), SLOTTED)
+        abuffer.render(camera_of(deep, "orthographic"), (64, 64), lit)
+        found, told = abuffer.render(shallow, SIZE, lit)
+    assert told.slot_tiles == 1
+    assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("count", [8, 9, 16, 17, 32, 33, 48, 49, 64])
+def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Context, count: int) -> None:
+    scene, camera = layers(count, 0.05)
+    told = assert_same(gl, scene, camera, (12, 10), SLOTTED)
+    assert (told.slot_tiles, told.max_depth_complexity) == (1, count)
+
+
+def test_longer_lists_are_linked_until_they_are_shorter_again(gl: moderngl.Context) -> None:
+    most = MOST_GROUPS * shared_constants()["SLOT_GROUP"]
+    scene, along = layers(most + 1, 0.05)
+    across = Camera(
+        projection=Projection.ORTHOGRAPHIC,
+        eye=(3.0, 0.5, 0.5),
+        target=(0.5, 0.5, 0.5),
+        up=(0.0, 0.0, 1.0),
+        height=0.5,
+    )  # along the planes: no ray meets one
+    assert_same(gl, scene, along, (12, 10), SLOTTED)
+    with ABuffer(gl, scene) as abuffer:
+        told = [
+            abuffer.render(camera, (12, 10), SLOTTED)[1] for camera in (along, along, across, across, along)
+        ]
+        again = abuffer.render(across, (12, 10), SLOTTED)[1]
+    assert [one.max_depth_complexity for one in told] == [most + 1, most + 1, 0, 0, most + 1]
+    assert [one.slot_tiles for one in told] == [0, 0, 0, 1, 0]
+    assert again.tiles == 1
+
+
+def test_slots_and_nodes_stay_within_the_budget_in_strips(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_batch, "VERTEX_GAP", 0)
+    volume = smooth_volume()
+    plan = plan_isovalues(tents(volume), volume.value_range, per_slope=2)
+    scene = Scene.build(extract_surfaces(volume, plan.isovalues, brick_cells=8), plan)
+    size = (96, 90)
+    with ABuffer(gl, scene) as abuffer:
+        expected, whole = abuffer.render(camera_of(volume, "perspective"), size, SLOTTED)
+        tight = replace(SLOTTED, fragment_budget_bytes=2 << 20)
+        found, told = abuffer.render(camera_of(volume, "perspective"), size, tight)
+    assert whole.tiles == whole.slot_tiles == 1 < told.tiles == told.slot_tiles
+    assert told.pool_bytes <= tight.fragment_budget_bytes < whole.pool_bytes
+    assert np.array_equal(found, expected)
+
+
+def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Context) -> None:
+    volume = smooth_volume()
+    look = replace(SLOTTED, fragment_budget_bytes=1 << 16)
+    told = assert_same(gl, scene_of(volume, 2), camera_of(volume, "orthographic"), SIZE, look)
+    assert told.slot_tiles == 0
+    assert told.pool_bytes <= look.fragment_budget_bytes
+
+
+@pytest.mark.parametrize(
+    "look",
+    [
+        replace(SLOTTED, build_stage=BuildStage.FRAGMENT),
+        replace(SLOTTED, stage=ResolveStage.COMPUTE),
+        replace(SLOTTED, sort_capacity=63),
+    ],
+)
+def test_what_asks_for_other_ways_gets_linked_lists(gl: moderngl.Context, look: RenderSettings) -> None:
+    volume = smooth_volume()
+    with ABuffer(gl, scene_of(volume, 2)) as abuffer:
+        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].slot_tiles == 0
+
+
+def test_the_classes_are_those_of_the_shader() -> None:
+    constants = shared_constants()
+    group = constants["SLOT_GROUP"]
+    assert len(CLASSES) == constants["PACKET_CLASSES"]
+    longest = [run * runs for run, runs in CLASSES]
+    assert longest == [0, group // 2, group, 2 * group, 3 * group, MOST_GROUPS * group]
+    assert constants["PACKET_PIXELS"] == constants["PACKET_WIDTH"] * constants["PACKET_HEIGHT"]
+    assert packet_total(Tile(3, 5, 9, 3)) == 3 * 2
+
+
+def test_the_band_of_the_faces_is_known_where_nothing_of_it_is_seen(gl: moderngl.Context) -> None:
+    inner = np.zeros((5, 5, 5))
+    inner[1:4, 1:4, 1:4] = np.linspace(-1.0, 1.0, 27).reshape(3, 3, 3)
+    volumes = {
+        **{name: made() for name, made in VOLUMES.items()},
+        "outside": Volume(np.where(inner == 0.0, -1.0, inner)),
+        "within": Volume(np.where(inner == 0.0, -0.3, inner)),  # 0.35 of the range, between two levels
+    }
+
+    def band(name: str) -> int:
+        device = DeviceScene(gl, scene_of(volumes[name], 1))
+        device.release()
+        return device.face_band
+
+    assert band("rough") == -1  # values of many bands
+    assert band("empty") == -1  # two corners are beside the others
+    assert band("outside") == 0  # below the first tent
+    assert band("within") == -1  # in it
+
+
+def test_vertices_of_shown_pieces_are_projected_once_and_little_else(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mesh_batch, "VERTEX_GAP", 10)
+    chunks = np.zeros(
+        5, dtype=[("level", "u4"), ("detail", "u4"), ("index_count", "i8"), ("vertex_count", "i8")]
+    )
+    chunks["vertex_count"] = [20, 20, 30, 40, 5]
+    starts = np.array([0, 20, 51, 60, 500])
+    buffers = [gl.buffer(reserve=24), gl.buffer(reserve=12)]
+    batch = Batch(gl, chunks, np.arange(5), starts, starts, buffers, None, 36)
+    every = np.ones(5, dtype=bool)
+    first, count = batch.vertex_runs(every)
+    assert (first.tolist(), count.tolist()) == ([0, 51, 500], [40, 49, 5])  # a gap of 11; an overlap
+    first, count = batch.vertex_runs(every & (np.arange(5) != 1))
+    assert (first.tolist(), count.tolist()) == ([0, 51, 500], [20, 49, 5])
+    assert batch.vertex_runs(~every)[0].tolist() == []
+    batch.release()
+
+
+def test_a_few_packets_wait_for_no_program_of_their_own() -> None:
+    nothing = [False] * 6
+    assert takers([900, 100, 100, 100, 0, 3], nothing) == [0, 1, 2, 3, 4, 5]  # the longest need theirs
+    assert takers([900, 3, 100, 100, 3, 3], nothing) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, False, False, True, False, True]) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False]) == [0, 1, 2, 3, 4, 5]
+    for counts in ([0] * 6, [5, 0, 0, 1, 0, 0]):
+        assert takers(counts, nothing) == [0, 1, 2, 3, 4, 5]
