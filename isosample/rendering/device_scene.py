@@ -48,11 +48,11 @@ class DeviceScene:
         self._ctx = ctx
         self._mask_count = 0 if scene.mask is None else len(scene.mask)
         self._mask_arrays: dict[int, moderngl.VertexArray] = {}
-        tables = {"Bands": _band_table(scene), "Levels": scene.level_optics, "Boundary": scene.boundary}
         with Owner() as made:
             self.meshes = made.keep(DeviceMeshes(ctx, scene))
             self._mask = None if scene.mask is None else made.keep(_table(ctx, scene.mask))
-            self._tables = {name: made.keep(_table(ctx, table)) for name, table in tables.items()}
+            self._table = made.keep(_table_image(ctx, scene))
+            self._boundary = made.keep(_table(ctx, scene.boundary))
             self._made = made.pop_all()
         self.face_band = _face_band(scene)
         # Of the resolve pass: what no pixel needs is not compiled.
@@ -64,8 +64,8 @@ class DeviceScene:
 
     def bind(self) -> None:
         """Bind the tables that the resolve pass reads."""
-        for name, buffer in self._tables.items():
-            buffer.bind_to_storage_buffer(storage_bindings()[name])
+        self._table.bind_to_image(shared_constants()["BINDING_TABLE"], read=True, write=False)
+        self._boundary.bind_to_storage_buffer(storage_bindings()["Boundary"])
 
     @property
     def has_mask(self) -> bool:
@@ -164,6 +164,19 @@ def _band_table(scene: Scene) -> npt.NDArray[np.void]:
     width = scene.band_values[:, 1] - scene.band_values[:, 0]
     table["inverse_width"] = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0)
     return table
+
+
+def _table_image(ctx: moderngl.Context, scene: Scene) -> moderngl.Texture:
+    """Bands, each with the level at its upper end, as texels."""
+    constants = shared_constants()
+    row, texels = constants["TABLE_ROW"], constants["TABLE_TEXELS"]
+    bands, levels = _band_table(scene), scene.level_optics
+    rows = -(-len(bands) // row)
+    content = np.zeros((rows * row, texels, 4), dtype=np.float32)
+    content[: len(bands), :3] = bands.view(np.float32).reshape(-1, 3, 4)
+    content[: len(levels), 3:] = levels
+    image = ctx.texture((row * texels, rows), 4, content, dtype="f4")
+    return with_room(ctx, image, "a table of the scene", content.nbytes, REMEDY)
 
 
 def _face_band(scene: Scene) -> int:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 STORAGE_BLOCKS = {
     "Heads": "HEADS",
     "CounterBlock": "COUNTERS",
-    "Bands": "BANDS",
-    "Levels": "LEVELS",
     "Boundary": "BOUNDARY",
     "RayCounterBlock": "RAY_COUNTERS",
     "RayStates": "RAY_STATES",
@@ -27,6 +25,7 @@ STORAGE_BLOCKS = {
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 NODES = {"nodes": "uimage2D"}
+TABLE = {"scene_table": "image2D"}  # bands and levels
 SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
@@ -117,11 +116,11 @@ def raster_supply() -> Supply:
 @cache
 def resolve_supply(*, compute: bool) -> Supply:
     """Of the resolve pass."""
-    scene = ("CounterBlock", "Bands", "Levels", "Boundary")
+    scene = ("CounterBlock", "Boundary")
     return Supply(
         blocks=blocks("FrameBlock", "Heads", *scene),
-        uniforms=NODES | (IMAGE if compute else {}),
-        optional=frozenset({*scene, *NODES}),
+        uniforms=NODES | TABLE | (IMAGE if compute else {}),
+        optional=frozenset({*scene, *NODES, *TABLE}),
     )
 
 
@@ -134,11 +133,10 @@ def group_supply() -> Supply:
 @cache
 def slot_supply() -> Supply:
     """Of the resolve pass, lists in slots."""
-    scene = ("Bands", "Levels", "Boundary")
     return Supply(
-        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", *scene),
-        uniforms={"first_packet": "uint", "packet_number": "uint"} | SLOTS | IMAGE,
-        optional=frozenset({*scene, *SLOTS}),
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", "Boundary"),
+        uniforms={"first_packet": "uint", "packet_number": "uint"} | SLOTS | TABLE | IMAGE,
+        optional=frozenset({"Boundary", *SLOTS, *TABLE}),
     )
 
 

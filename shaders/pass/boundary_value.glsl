@@ -43,7 +43,7 @@ int band_of(float value) {
     int high = frame.level_count;
     while (low < high) {
         int middle = (low + high) / 2;
-        if (bands[middle].value_high <= value) low = middle + 1;
+        if (band_at(middle).value_high <= value) low = middle + 1;
         else high = middle;
     }
     return low;

@@ -9,7 +9,8 @@
 #include "pass/runs.glsl"
 
 bool holds(int band, float value) {
-    return (band == 0 || bands[band].value_low <= value) && (band == frame.level_count || value < bands[band].value_high);
+    Band here = band_at(band);
+    return (band == 0 || here.value_low <= value) && (band == frame.level_count || value < here.value_high);
 }
 
 // Values where a ray enters and leaves the box, and whether such a value lies in a band.
@@ -144,6 +145,6 @@ bool is_empty_chain(vec3 origin, vec2 inside) {
     if (!is_seen(inside)) return true;
     vec2 values = face_values(origin, inside);
     int band = border_band(values.x);
-    return bands[band].extinction_max == 0.0 && borders(band, values.y);
+    return band_at(band).extinction_max == 0.0 && borders(band, values.y);
 }
 #endif

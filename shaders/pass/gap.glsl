@@ -10,7 +10,7 @@ struct GapEnd {
     float slope;
 };
 
-bool without_extinction(int band) { return bands[clamp(band, 0, frame.level_count)].extinction_max == 0.0; }
+bool without_extinction(int band) { return band_at(clamp(band, 0, frame.level_count)).extinction_max == 0.0; }
 
 bool has_slope(GapEnd end) { return end.slope != UNKNOWN_SLOPE; }
 
@@ -30,7 +30,7 @@ float part_at(float value, float sign, GapEnd front, GapEnd back) {
 // Place of a lost crossing of `level`. From an invisible band, or into one, the slope of the visible side tells it; else
 // the cubic of the gap, or the straight line where a slope is not known. `walk.unplaced` counts what is a mere guess.
 float place_of(int level, bool upwards, GapEnd front, GapEnd back) {
-    float value = bands[level].value_high;
+    float value = band_at(level).value_high;
     float sign = upwards ? 1.0 : -1.0;
     bool known = has_slope(front) && has_slope(back);
     bool starts_before = sign * (front.value - value) < 0.0 || (front.value == value && sign * front.slope < 0.0);

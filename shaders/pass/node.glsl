@@ -23,7 +23,7 @@ Node border_node(float distance, vec2 face, bool entering) {
 
 // True if a value on the border may belong to a band: it lies in it, or beside it by the tolerance at most.
 bool may_be_in(int index, float value, float tolerance) {
-    Band band = bands[clamp(index, 0, frame.level_count)];
+    Band band = band_at(clamp(index, 0, frame.level_count));
     bool above = index == 0 || value >= band.value_low - tolerance;
     bool below = index == frame.level_count || value <= band.value_high + tolerance;
     return above && below;

@@ -4,12 +4,11 @@
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_HEADS) buffer Heads { uint heads[]; };
 layout(std430, binding = BINDING_COUNTERS) buffer CounterBlock { Counters counters; };
-layout(std430, binding = BINDING_BANDS) readonly buffer Bands { Band bands[]; };
-layout(std430, binding = BINDING_LEVELS) readonly buffer Levels { Level levels[]; };
 layout(std430, binding = BINDING_BOUNDARY) readonly buffer Boundary { float boundary[]; };
 
 vec3 ray_direction;                       // unit, of the pixel being resolved
 
+#include "pass/tables.glsl"
 #include "pass/pixel_ray.glsl"
 #include "pass/nodes.glsl"
 #include "pass/boundary_value.glsl"

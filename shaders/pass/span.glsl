@@ -29,7 +29,7 @@ void step_to(Node node) {
     GapEnd front = GapEnd(walk.distance, mix(band.value_low, band.value_high, walk.position),
                           walk.slope);
     float node_rise = domain ? UNKNOWN_SLOPE : (rising ? node_slope(node) : -node_slope(node));
-    GapEnd back = GapEnd(max(node.distance, walk.distance), domain ? border_value(node) : bands[level].value_high,
+    GapEnd back = GapEnd(max(node.distance, walk.distance), domain ? border_value(node) : band_at(level).value_high,
                          node_rise);
     bool arrived;
     do {

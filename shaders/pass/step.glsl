@@ -9,7 +9,8 @@ void enter(Node node) {
     walk.inside = true;
     walk.distance = node.distance;
     walk.band = band_of(value);
-    walk.position = band_position(bands[walk.band].value_low, bands[walk.band].inverse_width, value);
+    Band band = band_at(walk.band);
+    walk.position = band_position(band.value_low, band.inverse_width, value);
     walk.slope = UNKNOWN_SLOPE;
     walk.normal = NO_NORMAL;
 }

@@ -57,7 +57,7 @@ void composite(vec3 premultiplied, float opacity) {
     walk.transmittance *= 1.0 - opacity;
 }
 
-Band current_band() { return bands[clamp(walk.band, 0, frame.level_count)]; }
+Band current_band() { return band_at(clamp(walk.band, 0, frame.level_count)); }
 
 // Extinction and colour at the front of the segment hold up to its end.
 void composite_constant(Band band, float length, vec3 front_normal) {
@@ -136,7 +136,7 @@ void advance(float distance, float position, float slope, uint normal) {
 // `slope` is |df/dt| [normalised / world].
 void composite_level(int level, float slope, uint normal) {
 #if LEVEL_LIGHT
-    Level here = levels[level];
+    Level here = level_at(level);
     if (here.impulse.a == 0.0 && here.sheet.a == 0.0) return;
     if (walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
     vec3 light = normal_between(normal, normal, 0.0);
