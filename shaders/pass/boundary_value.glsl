@@ -1,6 +1,6 @@
 // The field's value where a ray meets the box: bilinear on the stored face, which is the trilinear field
 // there, or the bicubic of a smooth reconstruction.
-// Expects `frame`, `bands`, `boundary` and `ray_direction` of the resolve pass.
+// Expects `frame`, pass/tables.glsl, `boundary` and `ray_direction` of the resolve pass.
 
 // Four coefficients of a smooth face in a row; the rows are two longer than those of samples.
 vec4 face_taps(int corner) {

@@ -1,4 +1,4 @@
-// Where a crossing was that the lists have lost. Expects `bands`, `frame` and `walk`, and lib/segment.glsl.
+// Where a crossing was that the lists have lost. Expects pass/tables.glsl, `frame` and `walk`, and lib/segment.glsl.
 // Twin: isosample/integral/list_walk.py
 
 const int GAP_BISECTIONS = 24;             // of a gap: below the rounding of float32

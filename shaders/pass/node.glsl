@@ -1,4 +1,4 @@
-// What a node of a list says: a crossing of a level, or a point on the border of the volume. Expects `bands` and `frame`.
+// What a node of a list says: a crossing of a level, or a point on the border of the volume. Expects pass/tables.glsl and `frame`.
 
 bool is_rising(Node node) { return (node.surface & RISING_BIT) != 0u; }
 

@@ -1,5 +1,5 @@
-// The state of one ray between two crossings, and what a segment, a sheet and an impulse add to it. Expects the buffers
-// `bands` and `levels`, `frame`, `ray_direction`, and the constants SEGMENT_RULE and SHADING.
+// The state of one ray between two crossings, and what a segment, a sheet and an impulse add to it. Expects
+// pass/tables.glsl, `frame`, `ray_direction`, and the constants SEGMENT_RULE and SHADING.
 // Twins: isosample/integral/list_segments.py, list_walk.py
 
 const float UNKNOWN_SLOPE = 3e38;

@@ -102,7 +102,9 @@ def test_a_program_that_uses_what_its_pass_does_not_supply_is_refused(programs: 
 def test_a_pass_that_supplies_what_no_program_uses_is_refused(programs: Programs) -> None:
     compiled, supply = PASSES["merge"]
     more = replace(supply(), blocks=blocks("FrameBlock", "Heads", "Packets"))
-    with pytest.raises(ShaderError, match="Packets: the program has no such active member, the pass supplies"):
+    with pytest.raises(
+        ShaderError, match="Packets: the program has no such active member, the pass supplies"
+    ):
         compiled(programs, more)
 
 
