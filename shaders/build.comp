@@ -62,6 +62,40 @@ ivec2 texel_of(uint vertex) { return ivec2(vertex % VERTEX_ROW, vertex / VERTEX_
 int edge_bias(ivec2 edge) { return edge.y < 0 || (edge.y == 0 && edge.x < 0) ? 0 : -1; }
 int edge_value(ivec2 edge, ivec2 way) { return edge.x * way.y - edge.y * way.x + edge_bias(edge); }
 
+// The pixels of a box, row by row from where a triangle's edges cut the row to where they cut it again. In float32, with SLACK: every
+// pixel inside lies between them, and the whole numbers decide whether one is inside.
+struct Scan {
+    ivec3 row;                            // edge functions in the first column of the row, and of the next one
+    ivec3 next_row;
+    ivec3 along_x, along_y;               // what is added from pixel to pixel
+    vec3 inverse_x;
+    int width;                            // of the box, less one
+    int column, end;                      // of the row: the present pixel, and the last one, from the first column on
+    int y;                                // of the row
+};
+
+// Into the next row, before its first pixel between the edges.
+void to_next_row(inout Scan scan) {
+    scan.row = scan.next_row;
+    scan.next_row += scan.along_y;
+    ++scan.y;
+    vec3 cut = -vec3(scan.row) * scan.inverse_x;
+    vec3 left = mix(vec3(0.0), cut, greaterThan(scan.along_x, ivec3(0)));
+    vec3 right = mix(vec3(float(scan.width)), cut, lessThan(scan.along_x, ivec3(0)));
+    float from = ceil(max(max(left.x, left.y), max(left.z, 0.0)) - SLACK);
+    float to = floor(min(min(right.x, right.y), min(right.z, float(scan.width))) + SLACK);
+    scan.column = int(min(from, float(scan.width + 1)));
+    scan.end = int(max(to, -1.0));
+}
+
+// To the next pixel between the edges, or beyond the row `last`: what follows is executed by all lanes that have one.
+void to_next_pixel(inout Scan scan, int last) {
+    ++scan.column;
+    do {
+        if (scan.column > scan.end) to_next_row(scan);
+    } while (scan.column > scan.end && scan.y <= last);
+}
+
 void main() {
     uint number = gl_GlobalInvocationID.x;
     if (number >= triangle_count) return;
@@ -125,32 +159,13 @@ void main() {
     vec3 ray = frame.forward;
 #endif
     float change = inverse == 0.0 ? 1e30 : abs(inverse) * (abs(way_2.y * rise.x - way_1.y * rise.y) + abs(way_1.x * rise.y - way_2.x * rise.x));
-    // Row by row from where the edges cut it to where they cut it again. In float32, with SLACK: every pixel inside lies between
-    // them, and the whole numbers decide whether one is inside.
-    vec3 inverse_x = 1.0 / vec3(along_x);
-    int width = last.x - first.x;
-    ivec2 pixel = ivec2(0, first.y - 1);
-    int end = -1, n = 0;                  // the last pixel of the row, and the present one, from the first column on
-    ivec3 next_row = row;
+    Scan scan = Scan(row, row, along_x, along_y, 1.0 / vec3(along_x), last.x - first.x, 0, -1, first.y - 1);
     uint found_count = 0u;
     do {
-        ++n;
-        do {                              // to the next row that is cut: what follows is executed by all lanes that have one
-            bool ended = n > end;
-            row = ended ? next_row : row;
-            next_row += ended ? along_y : ivec3(0);
-            pixel.y += ended ? 1 : 0;
-            vec3 cut = -vec3(row) * inverse_x;
-            vec3 low = mix(vec3(-1.0), cut, greaterThan(along_x, ivec3(0)));
-            vec3 high = mix(vec3(1e9), cut, lessThan(along_x, ivec3(0)));
-            float from = ceil(max(max(low.x, low.y), max(low.z, 0.0)) - SLACK);
-            float to = floor(min(min(high.x, high.y), min(high.z, float(width))) + SLACK);
-            n = ended ? int(min(from, 1e6)) : n;
-            end = ended ? int(max(to, -1.0)) : end;
-        } while (n > end && pixel.y <= last.y);
-        ivec3 value = row + n * along_x;
-        pixel.x = first.x + n;
-        if ((value.x | value.y | value.z) >= 0 && pixel.y <= last.y) {
+        to_next_pixel(scan, last.y);
+        ivec2 pixel = ivec2(first.x + scan.column, scan.y);
+        ivec3 value = scan.row + scan.column * along_x;
+        if ((value.x | value.y | value.z) >= 0 && scan.y <= last.y) {
             vec2 way = vec2(pixel) + 0.5 - place_0;
             float second = (way.x * way_2.y - way.y * way_2.x) * inverse;
             float third = (way_1.x * way.y - way_1.y * way.x) * inverse;
@@ -186,8 +201,8 @@ void main() {
             append_crossing(pixel, ray, found, rising);
             ++found_count;
         }
-    } while (pixel.y <= last.y);
-    if (pixel.y <= last.y) atomicAdd(counters.unsuited, 1u);   // the driver ended the loops
+    } while (scan.y <= last.y);
+    if (scan.y <= last.y) atomicAdd(counters.unsuited, 1u);   // the driver ended the loops
     if (found_count > 0u && atomicAdd(counters.rasterised, found_count) + found_count < found_count) {
         atomicAdd(counters.unsuited, 1u);  // more than 2^32 fragments
     }

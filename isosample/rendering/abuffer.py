@@ -183,7 +183,7 @@ class ABuffer:
         """Make targets of the picture's size, choose what is drawn, and upload it."""
         self._target.resize(*size)
         self._builder.resize(size)
-        self._shared.pool.begin_picture(settings.fragment_budget_bytes)
+        self._shared.pool.keep_within(settings.fragment_budget_bytes)
         frame = self._frames.begin(camera, size, settings, residuals=residuals)
         self._upload(frame)
         return frame

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 # Classes of packets by their longest list, as in group_packets.comp: runs of so many crossings, and how many of them.
 CLASSES = ((8, 0), (8, 1), (16, 1), (16, 2), (16, 3), (16, 4))
-MOST_GROUPS = 4  # of slots: what the last class takes
+MOST_SLOT_GROUPS = 4  # of slots: what the last class takes
 CROSSING_BYTES, NORMAL_BYTES = 8, 4
+MOST_PIXELS = 65535 * 64  # of a tile: one call of a shader has a work group of 64 for all of them
 WORD = 4  # bytes
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 
@@ -63,7 +64,8 @@ class CrossingSlots:
         constants = shared_constants()
         row = _packets(width, constants["PACKET_WIDTH"]) * constants["PACKET_PIXELS"] * groups
         most = self._most_crossings(lit=lit, budget_bytes=budget_bytes)
-        return most // (row * constants["SLOT_GROUP"]) * constants["PACKET_HEIGHT"]
+        packets = min(most // (row * constants["SLOT_GROUP"]), MOST_PIXELS * groups // row)
+        return packets * constants["PACKET_HEIGHT"]
 
     def begin_tile(self, tile: Tile, groups: int, *, lit: bool, budget_bytes: int) -> None:
         """Make room for groups of slots of every pixel, and empty the classes; parameters as `most_rows`.
@@ -73,13 +75,9 @@ class CrossingSlots:
         CapacityError
             If the driver has no room.
         """
-        constants = shared_constants()
         self._tile_packets = packet_total(tile)
-        crossings = groups * constants["SLOT_GROUP"] * self._tile_packets * constants["PACKET_PIXELS"]
-        rows = -(-crossings // constants["SLOT_ROW"])
-        allowed = -(-self._most_crossings(lit=lit, budget_bytes=budget_bytes) // constants["SLOT_ROW"])
-        if self.size_bytes > allowed * constants["SLOT_ROW"] * crossing_bytes(lit=lit):
-            self.release()  # they are left of a picture with a larger budget, or with light
+        rows = slot_rows(tile, groups)
+        self._release_above(self._most_crossings(lit=lit, budget_bytes=budget_bytes), lit=lit)
         self._reserve("slots", CROSSING_BYTES // WORD, rows)
         if lit:
             self._reserve("slot_normals", NORMAL_BYTES // WORD, rows)
@@ -111,6 +109,13 @@ class CrossingSlots:
         room = max(budget_bytes - row * crossing - row_bytes(), 0)
         return min(room // (crossing + storage_dtype("Node").itemsize), limits(self._ctx).texture_size * row)
 
+    def _release_above(self, crossings: int, *, lit: bool) -> None:
+        """Free images that are left of a picture with a larger budget, or with light."""
+        most = -(-crossings // shared_constants()["SLOT_ROW"])
+        for name, image in list(self._images.items()):
+            if image.height > most or (name == "slot_normals" and not lit):
+                self._images.pop(name).release()
+
     def _reserve(self, name: str, components: int, rows: int) -> None:
         held = self._images.get(name)
         if held is not None and held.height >= rows:
@@ -127,6 +132,18 @@ class CrossingSlots:
 def crossing_bytes(*, lit: bool) -> int:
     """What a slot takes."""
     return CROSSING_BYTES + NORMAL_BYTES * int(lit)
+
+
+def slot_rows(tile: Tile, groups: int) -> int:
+    """Rows of the images that groups of slots of every pixel of a tile take."""
+    constants = shared_constants()
+    crossings = groups * constants["SLOT_GROUP"] * packet_total(tile) * constants["PACKET_PIXELS"]
+    return -(-crossings // constants["SLOT_ROW"])
+
+
+def slot_bytes(tile: Tile, groups: int, *, lit: bool) -> int:
+    """Memory of these images."""
+    return slot_rows(tile, groups) * shared_constants()["SLOT_ROW"] * crossing_bytes(lit=lit)
 
 
 def packet_total(tile: Tile) -> int:

@@ -54,7 +54,7 @@ class DeviceScene:
             self._table = made.keep(_table_image(ctx, scene))
             self._boundary = made.keep(_table(ctx, scene.boundary))
             self._made = made.pop_all()
-        self.face_band = _face_band(scene)
+        self.face_band, self.faces_seen = _faces(scene)
         # Of the resolve pass: what no pixel needs is not compiled.
         self.constants = {
             "SMOOTH_FACES": int(scene.face_kernel is not None),
@@ -179,19 +179,25 @@ def _table_image(ctx: moderngl.Context, scene: Scene) -> moderngl.Texture:
     return with_room(ctx, image, "a table of the scene", content.nbytes, REMEDY)
 
 
-def _face_band(scene: Scene) -> int:
-    """The band in which all values on the faces of the box lie, if nothing is visible in it; else -1."""
+def _faces(scene: Scene) -> tuple[int, bool]:
+    """What the faces of the box show.
+
+    Returns
+    -------
+    band : int
+        The band in which all their values lie, if nothing is visible in it; else -1.
+    seen : bool
+        Whether something may be visible in one of the bands in which they lie.
+    """
     if scene.mask is not None or scene.face_kernel is not None or not scene.boundary.size:
-        return -1
-    low, high = scene.boundary.min(), scene.boundary.max()
-    if not (np.isfinite(low) and np.isfinite(high)):
-        return -1
-    ends = scene.band_values.astype(np.float32)
-    inner = ends[:-1, 1]
-    band = int(np.searchsorted(inner, low, side="right"))
-    if int(np.searchsorted(inner, high, side="right")) != band or np.any(scene.band_optics[band, :, 3] > 0):
-        return -1
-    return band
+        return -1, True
+    inner = scene.band_values[:-1, 1].astype(np.float32)
+    ends = np.array([scene.boundary.min(), scene.boundary.max()])
+    if not np.all(np.isfinite(ends)):
+        return -1, True
+    first, last = np.searchsorted(inner, ends, side="right").tolist()
+    seen = bool(np.any(scene.band_optics[first : last + 1, :, 3] > 0))
+    return (first if first == last and not seen else -1), seen
 
 
 def _table(ctx: moderngl.Context, array: npt.NDArray[Any]) -> moderngl.Buffer:

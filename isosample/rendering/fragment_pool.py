@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 HEAD_BYTES = 4
 ROOM = 1.25  # nodes asked for over those that are needed: other views of the scene then find room, too
-LIST_END = 0xFFFFFFFF
 REMEDY = "Ask for a smaller picture, or give RenderSettings a smaller fragment_budget_bytes."
 
 
@@ -51,9 +50,10 @@ class FragmentPool:
             if buffer is not None:
                 buffer.release()
         self._nodes = self._heads = None
+        self._filling = {}
 
-    def begin_picture(self, budget_bytes: int) -> None:
-        """Free the nodes if they exceed the budget of the picture, or the part of it, that follows."""
+    def keep_within(self, budget_bytes: int) -> None:
+        """Free the nodes if they exceed a budget."""
         if self.size_bytes > budget_bytes:
             self._free_nodes()
 
@@ -107,7 +107,7 @@ class FragmentPool:
 
     def clear_lists(self, tile: Tile) -> None:
         """Empty the list of every pixel of a tile, and set all counters to zero."""
-        self._fill_heads(tile, LIST_END)
+        self._fill_heads(tile, shared_constants()["LIST_END"])
         self._counters.clear()
 
     def clear_counts(self, tile: Tile) -> None:
@@ -152,6 +152,5 @@ class FragmentPool:
             self._heads = with_room(self._ctx, self._ctx.buffer(reserve=needed), *room)
         if head not in self._filling or len(self._filling[head]) < tile.pixel_count:
             self._filling[head] = np.full(tile.pixel_count, head, dtype=np.uint32)
-        self._heads.write(
-            self._filling[head][: tile.pixel_count]
-        )  # `clear` with a pattern takes 80 times as long
+        # `clear` with a pattern takes 80 times as long.
+        self._heads.write(self._filling[head][: tile.pixel_count])

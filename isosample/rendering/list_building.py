@@ -62,6 +62,7 @@ class ListBuilder:
     def built_tiles(self, frame: PictureFrame, size: tuple[int, int]) -> Iterator[tuple[Tile, int]]:
         """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
         parts = [(tile, False) for tile in strips(*size, self._shared.pool.max_pixels)]
+        self._slots.begin_picture(frame)
         were_split = False
         while parts:
             part, counted = parts.pop(0)

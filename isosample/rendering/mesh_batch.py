@@ -19,7 +19,9 @@ Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
-VERTEX_GAP = 4096  # vertices of ruled out pieces that are projected along rather than beginning another call
+# Vertices of ruled out pieces that are projected along rather than beginning another call; GAP at least, as what is
+# drawn along is projected.
+VERTEX_GAP = 4096
 INDEX_BYTES = 4
 OFFSET_ALIGNMENT = (
     256  # [byte] of what is bound to a storage block: the most that OpenGL allows a driver to ask for

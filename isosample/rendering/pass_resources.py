@@ -34,6 +34,7 @@ class PassResources:
     programs : Programs
     scene : DeviceScene
     pool : FragmentPool
+    slots : CrossingSlots
 
     Raises
     ------

@@ -47,7 +47,7 @@ class PictureTarget:
             self._pixels.resize((width, height))
 
     def clear(self, color: npt.ArrayLike, tile: Tile | None = None) -> None:
-        """Give every pixel one colour, (4,)."""
+        """Give every pixel one colour, (4,): of a tile, or of the picture."""
         framebuffer = self._pixels.framebuffer
         framebuffer.scissor = (
             (0, 0, *framebuffer.size) if tile is None else (tile.x, tile.y, tile.width, tile.height)
@@ -93,7 +93,7 @@ class PictureTarget:
         if self._staging.shape != (height, width, 4):
             self._staging = np.empty((height, width, 4), dtype=np.float32)
         framebuffer.read_into(self._staging, components=4, dtype="f4")
-        return np.ascontiguousarray(self._staging[::-1])
+        return self._staging[::-1].copy()
 
     def release(self) -> None:
         """Free the texture."""

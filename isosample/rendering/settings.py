@@ -30,8 +30,9 @@ class BuildStage(enum.Enum):
     else FRAGMENT takes its place, for the tile where that is found and those that follow it
     (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes each, of curved triangles 40, beside the mesh
     budget (`FrameStatistics.projected_bytes`).
-    Lists of at most 64 crossings are then in slots of their pixels (`FrameStatistics.slot_tiles`) if `stage` is AUTO
-    and the fragment budget has room for a row of pixels; the others are linked.
+    Where they rasterise, lists are in slots of their pixels (`FrameStatistics.slot_tiles`) as long as none is longer
+    than 64, if `stage` is AUTO, `sort_capacity` 64 or more, and the fragment budget has room for some rows of pixels;
+    from the first longer list on, those of the picture are linked.
     AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
     """
 

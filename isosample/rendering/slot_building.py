@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from isosample.errors import CapacityError
-from isosample.rendering.crossing_slots import MOST_GROUPS, packet_total
+from isosample.rendering.crossing_slots import MOST_SLOT_GROUPS, packet_total, slot_bytes
 from isosample.rendering.frame import shared_constants
-from isosample.rendering.settings import BuildStage, ResolveStage
+from isosample.rendering.settings import ResolveStage
 from isosample.rendering.supplies import group_supply
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ WORK_GROUP = 64  # local size of group_packets.comp
 
 
 class SlotBuilder:
-    """Fills slots, and remembers how many the pixels of the last picture needed.
+    """Fills slots, and remembers how many the pixels of the picture before needed.
 
     Parameters
     ----------
@@ -37,18 +37,24 @@ class SlotBuilder:
         self._frames = frames
         self._raster = raster
         self._groups = 1
-        self._refused: FrameStatistics | None = None  # of the last picture without slots
+        self._last: FrameStatistics | None = None  # of the last picture that was drawn
+
+    def begin_picture(self, frame: PictureFrame) -> None:
+        """Begin with as many slots as the picture before needed; where its lists were longer, with none."""
+        if frame.residuals:  # its lists are read back, not drawn
+            return
+        longest = 0 if self._last is None else self._last.max_depth_complexity
+        self._groups = max(-(-longest // self._group), 1)
+        frame.slots_suit = self._groups <= MOST_SLOT_GROUPS
+        self._last = frame.statistics
 
     def suits(self, frame: PictureFrame) -> bool:
-        """Whether a picture is to be tried: rasterised by compute shaders, and not one of lists that were too long."""
-        settings = frame.settings
-        if frame.slots_suit and self._was_deep():
-            self._refuse(frame)
+        """Whether a tile is to be tried: rasterised by compute shaders, and no list was too long so far."""
         return (
             frame.slots_suit
             and not frame.residuals
-            and settings.stage is ResolveStage.AUTO
-            and settings.sort_capacity >= self._most
+            and frame.settings.stage is ResolveStage.AUTO
+            and frame.settings.sort_capacity >= self._group * MOST_SLOT_GROUPS
             and self._raster.suits(frame)
         )
 
@@ -57,7 +63,7 @@ class SlotBuilder:
         budget, lit = frame.settings.fragment_budget_bytes, bool(frame.shading)
         rows = self._shared.slots.most_rows(tile.width, self._groups, lit=lit, budget_bytes=budget)
         if rows < 1:
-            frame.slots_suit = False
+            self._refuse(frame)
             return [tile]
         return [
             replace(tile, y=tile.y + y, height=min(rows, tile.height - y))
@@ -72,37 +78,22 @@ class SlotBuilder:
         rasterised : int or None
             Fragments, counted triangle by triangle. None if there are no such lists: if `suits` still holds, the
             tile is to be cut into `parts` and tried again.
-
-        Raises
-        ------
-        CapacityError
-            If the driver has no room, and compute shaders were asked for.
         """
         shared = self._shared
-        budget, lit = frame.settings.fragment_budget_bytes, bool(frame.shading)
         with shared.timer.stage("build"):
-            try:
-                shared.slots.begin_tile(tile, self._groups, lit=lit, budget_bytes=budget)
-            except CapacityError:
-                if frame.settings.build_stage is BuildStage.COMPUTE:
-                    raise
-                self._refuse(frame)
+            if not self._begin_tile(tile, frame):
                 return None
-            shared.pool.begin_picture(budget - shared.slots.size_bytes)
-            shared.pool.clear_lists(tile)
-            shared.bind(tile, frame)
             passes = self._frames.tile_passes(frame, tile)
             frame.unsuited = not self._raster.build(frame, passes, slots=self._groups * self._group)
             if not frame.unsuited:
                 shared.slots.bind()  # the residuals had the place of the packets
-                shared.programs.compute("group_packets.comp", group_supply()).run(
-                    -(-packet_total(tile) // WORK_GROUP)
-                )
+                groups = -(-packet_total(tile) // WORK_GROUP)
+                shared.programs.compute("group_packets.comp", group_supply()).run(groups)
                 shared.ctx.memory_barrier()
             counters = shared.pool.counters()
             frame.unsuited |= int(counters["unsuited"]) > 0
             needed = -(-int(counters["max_depth_complexity"]) // self._group)
-            if frame.unsuited or needed > MOST_GROUPS:
+            if frame.unsuited or needed > MOST_SLOT_GROUPS:
                 self._refuse(frame)
                 return None
             if needed > self._groups:
@@ -114,17 +105,23 @@ class SlotBuilder:
     def _group(self) -> int:
         return shared_constants()["SLOT_GROUP"]
 
-    @property
-    def _most(self) -> int:
-        """Crossings of the longest list that is taken."""
-        return self._group * MOST_GROUPS
-
-    def _was_deep(self) -> bool:
-        """Whether the picture before was refused, and had lists that are too long."""
-        return self._refused is not None and self._refused.max_depth_complexity > self._most
+    def _begin_tile(self, tile: Tile, frame: PictureFrame) -> bool:
+        """Make room, within the budget, and empty all lists; False if the driver has no room."""
+        shared, lit = self._shared, bool(frame.shading)
+        budget = frame.settings.fragment_budget_bytes
+        wanted = max(slot_bytes(tile, self._groups, lit=lit), shared.slots.size_bytes)
+        shared.pool.keep_within(budget - wanted)
+        try:
+            shared.slots.begin_tile(tile, self._groups, lit=lit, budget_bytes=budget)
+        except CapacityError:
+            self._refuse(frame)
+            return False
+        shared.pool.clear_lists(tile)
+        shared.bind(tile, frame)
+        return True
 
     def _refuse(self, frame: PictureFrame) -> None:
-        """Leave the rest of a picture to linked lists."""
+        """Leave the rest of a picture to linked lists, which have the budget to themselves."""
         frame.slots_suit = False
-        self._refused = frame.statistics
         self._shared.slots.release()
+        self._shared.pool.keep_within(0)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
-from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.fragment_pool import row_bytes
+from isosample.rendering.frame import shared_constants
 from isosample.rendering.supplies import slot_supply, spill_supply
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ class SlotResolve:
         packet_pixels = shared_constants()["PACKET_PIXELS"]
         packets = shared.slots.packets()
         variants = [{"RUN": run, "RUNS": runs, "FACE_BAND": band, **constants} for run, runs in CLASSES]
+        if shared.scene.faces_seen:  # of an empty list something may be seen
+            variants[0] = variants[1]
         ready = [shared.programs.has_compute(ENTRY, **variant) for variant in variants]
         for place, ((first, count), taker) in enumerate(
             zip(packets, takers([count for _, count in packets], ready), strict=True)
@@ -102,7 +105,8 @@ class SlotResolve:
         """Make linked lists of those that are no chains."""
         shared = self._shared
         budget = frame.settings.fragment_budget_bytes - shared.slots.size_bytes
-        wanted = max(nodes, min(LEAST_NODES, budget // storage_dtype("Node").itemsize))
+        row = shared_constants()["NODE_ROW"]
+        wanted = max(nodes, min(LEAST_NODES, budget // row_bytes() * row))
         if not shared.pool.grow(wanted, budget):
             raise CapacityError(
                 f"{nodes} fragments do not fit the {budget} bytes that are left of the fragment budget; raise it."

@@ -146,7 +146,7 @@ def spill_supply() -> Supply:
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets"),
         uniforms=SLOTS | NODES,
-        optional=frozenset(SLOTS),
+        optional=frozenset({"slot_normals"}),
     )
 
 

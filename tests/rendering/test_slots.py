@@ -12,7 +12,7 @@ from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering import mesh_batch
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.crossing_slots import CLASSES, MOST_GROUPS, packet_total
+from isosample.rendering.crossing_slots import CLASSES, MOST_SLOT_GROUPS, packet_total
 from isosample.rendering.device_scene import DeviceScene
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import Batch
@@ -21,10 +21,13 @@ from isosample.rendering.settings import BuildStage, ClipPlane, Material, Render
 from isosample.rendering.slot_resolve import takers
 from isosample.rendering.tiles import Tile
 from isosample.surfaces.extract import extract_surfaces
+from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
+from isosample.transfer.transfer_function import TransferFunction
+from isosample.volume.analytic import nucleon_like, sample_field
 from isosample.volume.grid import Volume
 from rendering.test_capacity import layers
-from rendering.test_chains import TOLD, VOLUMES, camera_of, scene_of, smooth_volume, tents
+from rendering.test_chains import TOLD, VOLUMES, camera_of, scene_of, smooth_volume
 
 if TYPE_CHECKING:
     import moderngl
@@ -101,7 +104,7 @@ def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Conte
 
 
 def test_longer_lists_are_linked_until_they_are_shorter_again(gl: moderngl.Context) -> None:
-    most = MOST_GROUPS * shared_constants()["SLOT_GROUP"]
+    most = MOST_SLOT_GROUPS * shared_constants()["SLOT_GROUP"]
     scene, along = layers(most + 1, 0.05)
     across = Camera(
         projection=Projection.ORTHOGRAPHIC,
@@ -121,21 +124,111 @@ def test_longer_lists_are_linked_until_they_are_shorter_again(gl: moderngl.Conte
     assert again.tiles == 1
 
 
+def clear_scene() -> Scene:
+    """Two tents and nothing else, in pieces: nothing is visible between the tents, nor on the faces of the box."""
+    volume = sample_field(nucleon_like(), (25, 25, 25), lower=(0.0,) * 3, upper=(40.0,) * 3)
+    low, high = volume.value_range
+    at = [low + (high - low) * part for part in (0.15, 0.2, 0.25, 0.5, 0.6, 0.7)]
+    colors = [(0.1, 0.3, 1.0), (1.0, 0.7, 0.1)] * 3
+    tf = TransferFunction(
+        [ControlPoint(v, c, e) for v, c, e in zip(at, colors, (0.0, 0.5, 0.0, 0.0, 0.8, 0.0), strict=True)]
+    )
+    plan = plan_isovalues(tf, volume.value_range, per_slope=2)
+    return Scene.build(extract_surfaces(volume, plan.isovalues, brick_cells=6), plan)
+
+
+@pytest.mark.parametrize("kind", ["orthographic", "perspective"])
+@pytest.mark.parametrize("material", [None, Material()])
+def test_what_is_passed_without_a_look_changes_no_bit(
+    gl: moderngl.Context, kind: str, material: Material | None
+) -> None:
+    scene = clear_scene()
+    camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25, projection=Projection(kind))
+    look = replace(SLOTTED, material=material, background=(0.2, 0.3, 0.4, 0.5))
+    told = assert_same(gl, scene, camera, SIZE, look)
+    assert told.slot_tiles == 1
+    with ABuffer(gl, scene) as abuffer:
+        device = abuffer._shared.scene
+        assert device.face_band == 0
+        assert device.constants["LEVEL_LIGHT"] == 0
+        found, _ = abuffer.render(camera, SIZE, look)
+        expected, _ = abuffer.render(camera, SIZE, replace(look, sort_capacity=1))  # the program for any list
+    assert np.array_equal(found.view(np.uint32), expected.view(np.uint32))
+
+
 def test_slots_and_nodes_stay_within_the_budget_in_strips(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_batch, "VERTEX_GAP", 0)
-    volume = smooth_volume()
-    plan = plan_isovalues(tents(volume), volume.value_range, per_slope=2)
-    scene = Scene.build(extract_surfaces(volume, plan.isovalues, brick_cells=8), plan)
-    size = (96, 90)
+    monkeypatch.setattr(mesh_batch, "GAP", 0)
+    scene, size = clear_scene(), (96, 90)
+    camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25, zoom=6)  # some pieces are outside
+    tight = replace(SLOTTED, fragment_budget_bytes=2 << 20)
     with ABuffer(gl, scene) as abuffer:
-        expected, whole = abuffer.render(camera_of(volume, "perspective"), size, SLOTTED)
-        tight = replace(SLOTTED, fragment_budget_bytes=2 << 20)
-        found, told = abuffer.render(camera_of(volume, "perspective"), size, tight)
+        expected, whole = abuffer.render(camera, size, SLOTTED)
+        found, told = abuffer.render(camera, size, tight)
+        lit, lit_told = abuffer.render(camera, size, replace(tight, material=Material()))
+        again, again_told = abuffer.render(camera, size, tight)
+    assert whole.chunks_outside_view > 0
     assert whole.tiles == whole.slot_tiles == 1 < told.tiles == told.slot_tiles
-    assert told.pool_bytes <= tight.fragment_budget_bytes < whole.pool_bytes
+    for one in (told, lit_told, again_told):
+        assert one.pool_bytes <= tight.fragment_budget_bytes < whole.pool_bytes
     assert np.array_equal(found, expected)
+    assert np.array_equal(again, expected)
+    assert not np.array_equal(lit, expected)
+
+
+def test_the_rest_of_a_picture_is_linked_from_the_first_longer_list_on(gl: moderngl.Context) -> None:
+    most = MOST_SLOT_GROUPS * shared_constants()["SLOT_GROUP"]
+    ramp = np.zeros((2, 3, 2))
+    ramp[1, 2] = 1.0  # z (y - 1) above the middle: the higher the pixel, the more levels its ray crosses
+    values = (np.arange(2 * most) + 1.0) / (2.0 * most + 1.0)
+    tf = TransferFunction([], [Isosurface(float(v), (float(v), 0.5, 0.5), 0.05) for v in values])
+    volume = Volume(ramp)
+    plan = plan_isovalues(tf, volume.value_range)
+    scene = Scene.build(extract_surfaces(volume, plan.isovalues), plan)
+    camera = Camera(
+        projection=Projection.ORTHOGRAPHIC,
+        eye=(0.5, 1.0, 3.0),
+        target=(0.5, 1.0, 0.5),
+        up=(0.0, 1.0, 0.0),
+        height=1.9,
+    )
+    look = replace(SLOTTED, fragment_budget_bytes=1 << 18)
+    with ABuffer(gl, scene) as abuffer:
+        found, told = abuffer.render(camera, (40, 60), look)
+        expected, _ = abuffer.render(camera, (40, 60), replace(look, stage=ResolveStage.FRAGMENT))
+    assert told.max_depth_complexity > most
+    assert 0 < told.slot_tiles < told.tiles
+    assert told.pool_bytes <= look.fragment_budget_bytes
+    assert np.array_equal(found, expected)
+
+
+def test_as_many_slots_are_begun_with_as_the_picture_before_needed(gl: moderngl.Context) -> None:
+    scene, along = layers(50, 0.05)
+    across = Camera(
+        projection=Projection.ORTHOGRAPHIC,
+        eye=(3.0, 0.5, 0.5),
+        target=(0.5, 0.5, 0.5),
+        up=(0.0, 0.0, 1.0),
+        height=0.5,
+    )
+    tight = replace(SLOTTED, fragment_budget_bytes=1 << 20)
+    with ABuffer(gl, scene) as abuffer:
+        tiles = [
+            abuffer.render(camera, (32, 32), tight)[1].tiles for camera in (along, along, across, across)
+        ]
+    assert tiles[1] == tiles[2] > tiles[3] == 1
+
+
+def test_a_few_broken_lists_find_room_in_any_budget(gl: moderngl.Context) -> None:
+    scene = scene_of(VOLUMES["rough"](), 1)
+    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    for kibibytes in range(100, 420, 30):
+        look = replace(SLOTTED, fragment_budget_bytes=kibibytes << 10)
+        with ABuffer(gl, scene) as abuffer:
+            told = abuffer.render(camera, (32, 24), look)[1]
+        assert told.pool_bytes <= look.fragment_budget_bytes
 
 
 def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Context) -> None:
@@ -165,8 +258,9 @@ def test_the_classes_are_those_of_the_shader() -> None:
     group = constants["SLOT_GROUP"]
     assert len(CLASSES) == constants["PACKET_CLASSES"]
     longest = [run * runs for run, runs in CLASSES]
-    assert longest == [0, group // 2, group, 2 * group, 3 * group, MOST_GROUPS * group]
+    assert longest == [0, group // 2, group, 2 * group, 3 * group, MOST_SLOT_GROUPS * group]
     assert constants["PACKET_PIXELS"] == constants["PACKET_WIDTH"] * constants["PACKET_HEIGHT"]
+    assert mesh_batch.VERTEX_GAP >= mesh_batch.GAP
     assert packet_total(Tile(3, 5, 9, 3)) == 3 * 2
 
 
@@ -218,3 +312,14 @@ def test_a_few_packets_wait_for_no_program_of_their_own() -> None:
     assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False]) == [0, 1, 2, 3, 4, 5]
     for counts in ([0] * 6, [5, 0, 0, 1, 0, 0]):
         assert takers(counts, nothing) == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_picture_of_one_row_stays_what_it_was(gl: moderngl.Context) -> None:
+    volume = smooth_volume()
+    first, second = camera_of(volume, "orthographic"), camera_of(volume, "perspective")
+    with ABuffer(gl, scene_of(volume, 1)) as abuffer:
+        one, _ = abuffer.render(first, (9, 1), SLOTTED)
+        kept = one.copy()
+        other, _ = abuffer.render(second, (9, 1), SLOTTED)
+    assert not np.array_equal(other, kept)
+    assert np.array_equal(one, kept)
