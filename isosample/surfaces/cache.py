@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import write_boundary
-from isosample.surfaces.cache_files import write_json
+from isosample.surfaces.cache_files import understood, write_json
 from isosample.surfaces.cache_levels import (
     Piece,
     content_in_place,
@@ -186,6 +186,12 @@ def open_cache(folder: str | Path) -> OpenedScene:
     folder = Path(folder)
     volume = read_volume(folder)
     scene = read_scene(folder, volume["content_hash"])
+    with understood(folder / "scene.json", "scene"):
+        return _opened(folder, volume, scene)
+
+
+def _opened(folder: Path, volume: dict[str, Any], scene: dict[str, Any]) -> OpenedScene:
+    """Return a scene of which both documents are read."""
     levels = check_isovalues([float.fromhex(entry["isovalue"]) for entry in scene["surfaces"]])
 
     def opened(part: dict[str, Any]) -> StoredSurfaces:

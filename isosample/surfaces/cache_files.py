@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -17,7 +18,7 @@ from isosample.files import replacing
 from isosample.surfaces.stored_arrays import stored_arrays
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
 FORMAT_VERSION = 3  # 3: one chunk per isovalue and brick; 2: reconstruction, refinement, residuals
@@ -68,6 +69,17 @@ def read_json(path: Path, kind: str) -> dict[str, Any]:
     if digest != _json_digest(document):
         raise CacheError(f"{path} is damaged: its content does not match its digest. {_remedy(kind)}")
     return document
+
+
+@contextlib.contextmanager
+def understood(path: Path, kind: str) -> Iterator[None]:
+    """Raise `CacheError` where what is made of a document's entries fails: they are whole, but not of this version."""
+    try:
+        yield
+    except (ValueError, KeyError, TypeError) as error:
+        raise CacheError(
+            f"{path} has entries that this version does not understand ({str(error).rstrip('.')}). {_remedy(kind)}"
+        ) from error
 
 
 def unfinished(folder: Path) -> str:

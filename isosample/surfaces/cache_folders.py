@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from isosample.errors import CacheError
 from isosample.surfaces.cache_files import read_json
 from isosample.surfaces.chunk_folder import CHUNK_FOLDER, ChunkFolder
+from isosample.surfaces.volume_file import volume_entries
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,7 +90,7 @@ def summarise(folder: Path) -> FolderSummary:
     scene: dict[str, Any] = {"surfaces": []}
     finished = has_scene(folder)
     try:
-        volume = read_json(folder / "volume.json", "cache")
+        volume = volume_entries(folder)
         name, size_xyz = volume["name"], tuple(volume["geometry"]["size_xyz"])
         if finished:
             scene = read_json(folder / "scene.json", "scene")
@@ -101,7 +102,7 @@ def summarise(folder: Path) -> FolderSummary:
         folder=folder,
         name=name,
         size_xyz=size_xyz,
-        isovalues=len(scene["surfaces"]),
+        isovalues=len(scene.get("surfaces", [])),
         details=len(scene.get("details", [])),
         surfaces=len(list(folder.glob("surfaces/*.npz"))),
         chunks=len(chunks),

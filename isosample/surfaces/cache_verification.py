@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from isosample.errors import CacheError, InputError
+from isosample.errors import CacheError
 from isosample.surfaces.boundary_files import boundary_path, read_boundary
-from isosample.surfaces.cache_files import read_arrays, read_json
+from isosample.surfaces.cache_files import read_arrays, understood
 from isosample.surfaces.cache_folders import has_scene
 from isosample.surfaces.chunk_folder import ChunkFolder, DamagedChunk
 from isosample.surfaces.settings import ExtractionSettings
 from isosample.surfaces.surface_files import AbsentSurfaceError, read_rows, rows_of_arrays, surface_path
-from isosample.surfaces.volume_file import read_scene
+from isosample.surfaces.volume_file import read_scene, volume_entries
+from isosample.transfer.isovalues import IsovaluePlan
+from isosample.transfer.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -71,12 +73,15 @@ def verify_folder(folder: Path) -> FolderVerified:
     isovalues: tuple[float, ...] = ()
     needed = {folder / "scene.json"}
     with _noting(damaged, folder / OWNER_FILE):
-        volume = read_json(folder / OWNER_FILE, "cache")
+        volume = volume_entries(folder)
     if has_scene(folder):  # else it was never rendered as a scene
         with _noting(damaged, folder / "scene.json"):
             scene = read_scene(folder, volume.get("content_hash"))
-            isovalues = tuple(float.fromhex(entry["isovalue"]) for entry in scene["surfaces"])
-            needed |= _verify_scene(folder, scene, damaged)
+            with understood(folder / "scene.json", "scene"):
+                isovalues = tuple(float.fromhex(entry["isovalue"]) for entry in scene["surfaces"])
+                needed |= _verify_scene(folder, scene, damaged)
+                TransferFunction.from_dict(scene["transfer_function"])
+                IsovaluePlan.from_dict(scene["plan"])
     listed = _listed(folder, needed, damaged)
     store = ChunkFolder(folder, read_only=True)
     there = set(store.keys())
@@ -138,6 +143,6 @@ def _noting(damaged: dict[Path, str], path: Path, absent: str | None = None) -> 
     """Note a file that turns out to be damaged, by its first reason; `absent` is told of a list that is missing."""
     try:
         yield
-    except (CacheError, InputError) as error:  # the latter where a scene has settings that are unknown here
+    except CacheError as error:
         told = absent if absent and isinstance(error, AbsentSurfaceError) else str(error)
         damaged.setdefault(path, told)

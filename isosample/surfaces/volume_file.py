@@ -8,14 +8,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from isosample.errors import CacheError
-from isosample.surfaces.cache_files import REMEDY, digest_of, read_json, write_json
+from isosample.surfaces.cache_files import REMEDY, digest_of, read_json, understood, write_json
 from isosample.volume.bricks import BRICK_CELLS
+from isosample.volume.geometry import GridGeometry
 from isosample.volume.scan import scan_volume
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from isosample.volume.geometry import GridGeometry
     from isosample.volume.grid import Volume
     from isosample.volume.scan import BrickScan
 
@@ -64,7 +64,15 @@ def read_volume(folder: Path) -> dict[str, Any]:
             f"{folder} is not a mesh cache: it has no volume.json. "
             "Make one with `isosample precompute VOLUME --tf TF --cache FOLDER`."
         )
-    return read_json(folder / "volume.json", "cache")
+    return volume_entries(folder)
+
+
+def volume_entries(folder: Path) -> dict[str, Any]:
+    """Return what volume.json says of a folder that is, or was, a cache; raises as `read_volume`."""
+    volume = read_json(folder / "volume.json", "cache")
+    with understood(folder / "volume.json", "cache"):
+        _ = volume["name"], volume["content_hash"], GridGeometry.from_dict(volume["geometry"])
+    return volume
 
 
 def read_scene(folder: Path, content_hash: str | None) -> dict[str, Any]:

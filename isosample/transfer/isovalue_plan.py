@@ -178,14 +178,14 @@ class IsovaluePlan:
         Raises
         ------
         InputError
-            If a key is missing or a list has the wrong shape.
+            If a key is missing, a reason is unknown or a list has the wrong shape.
         """
         try:
             low, high = document["value_range"]
             isovalues = np.asarray(document["isovalues"], dtype=np.float64)
             return cls(
                 isovalues=isovalues,
-                reasons=tuple(Reason(reason) for reason in document["reasons"]),
+                reasons=tuple(map(_reason, document["reasons"])),
                 value_range=(float(low), float(high)),
                 band_values=np.asarray(document["band_values"], dtype=np.float64),
                 band_extinction=np.asarray(document["band_extinction"], dtype=np.float64),
@@ -202,3 +202,13 @@ class IsovaluePlan:
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(f"an isovalue plan lacks or misuses {error}; make it anew.") from error
+
+
+def _reason(name: str) -> Reason:
+    """Return the reason of a name, or raise `InputError`: a later version may know more of them."""
+    if name not in {reason.value for reason in Reason}:
+        raise InputError(
+            f"an isovalue plan has the reason {name!r}; expected one of {[reason.value for reason in Reason]}. Make "
+            "it anew."
+        )
+    return Reason(name)

@@ -6,12 +6,18 @@ import json
 import os
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from cli.harness import TF, Run, chunks, content, write_json
 from isosample.surfaces.cache import open_cache
+from isosample.surfaces.cache_files import read_json
+from isosample.surfaces.cache_files import write_json as write_checked
 from isosample.surfaces.chunk_folder import ChunkFolder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 @pytest.mark.usefixtures("cache")
@@ -110,6 +116,50 @@ def test_ls_tells_of_a_scene_whose_lists_are_damaged(run: Run, cache: Path) -> N
     assert outcome.status == 0
     assert outcome.out.splitlines()[1].split()[-1] == "unusable"
     assert f"cannot be used: meshes/surfaces/{listed.name} is damaged" in outcome.out
+
+
+def rewrite(path: Path, kind: str, change: Callable[[dict[str, Any]], None]) -> None:
+    """Change a document as another version with the same format might have written it: its digest is right."""
+    document = read_json(path, kind)
+    change(document)
+    write_checked(
+        path, kind, {name: document[name] for name in document if name not in ("format", "version")}
+    )
+
+
+LATER: dict[str, tuple[str, Callable[[dict[str, Any]], None]]] = {
+    "reason": ("scene", lambda scene: scene["plan"]["reasons"].__setitem__(0, "halo")),
+    "plan": ("scene", lambda scene: scene["plan"].pop("skipped")),
+    "settings": ("scene", lambda scene: scene["settings"].update(adaptive=True)),
+    "transfer function": ("scene", lambda scene: scene["transfer_function"].update(intervals=[])),
+    "surfaces": ("scene", lambda scene: scene.update(pieces=scene.pop("surfaces"))),
+    "geometry": ("cache", lambda volume: volume["geometry"].update(shear=0.0)),
+    "size": ("cache", lambda volume: volume.pop("geometry")),
+}
+
+
+@pytest.mark.parametrize("entry", LATER)
+def test_a_folder_of_a_later_version_hides_no_other(run: Run, cache: Path, entry: str) -> None:
+    kind, change = LATER[entry]
+    name = {"scene": "scene.json", "cache": "volume.json"}[kind]
+    shutil.copytree(cache, cache.parent / "later")
+    rewrite(Path("later") / name, kind, change)
+    outcome = run("cache ls meshes later")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert [row.split()[-1] for row in outcome.out.splitlines()[1:3]] == ["complete", "unusable"]
+    problem = f"later/{name} has entries that this version does not understand ("
+    assert f"cannot be used: {problem}" in outcome.out
+    assert len(json.loads(run("cache ls meshes later --json").out)["caches"]) == 2
+    verified = run("cache verify meshes later")
+    assert (verified.status, verified.fields()["damaged files"]) == (1, "1")
+    assert problem in verified.out
+    picture = run("render later -o out.png")
+    assert (picture.status, picture.err.count("\n")) == (2, 1)
+    assert problem in picture.err
+    if kind == "cache":
+        (Path("later") / name).unlink()
+    assert run("precompute blob.npy --tf tf.json --cache later").status == 0
+    assert content(Path("later")) == content(cache)
 
 
 def interrupt(monkeypatch: pytest.MonkeyPatch, run: Run, words: str) -> None:
