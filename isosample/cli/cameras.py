@@ -59,19 +59,22 @@ def framed_scene_box(args: argparse.Namespace, scene: PreparedScene) -> Box:
     Raises
     ------
     InputError
-        If it is that of what is visible, and the scene does not tell it.
+        If it is that of what is visible, and nothing is, or the scene does not tell.
     """
+    from isosample.rendering.framing import nothing_to_fit
+
     geometry = scene.surfaces.geometry
     if args.fit != VISIBLE:
         return geometry.box
     if scene.visible is None:
         raise InputError(
-            f"--fit visible: {args.source} does not tell where the transfer function shows something. A cache folder "
-            "tells it of its own scene, not of another --tf, and not where an older version made it: `isosample "
-            "precompute` with the same volume, --cache and this transfer function adds it. Or name the volume, or a "
-            "--camera."
+            f"--fit visible: {args.source} does not tell where this transfer function shows something; `isosample "
+            "precompute` with the same volume, options and --cache, and with this transfer function, adds that. Or "
+            "name the volume in place of the folder, or leave out --fit."
         )
-    return geometry.box_of(*scene.visible)
+    if scene.visible.span is None:
+        raise nothing_to_fit(scene.name, scene.surfaces.value_range)
+    return geometry.box_of(*scene.visible.span)
 
 
 def orbit(

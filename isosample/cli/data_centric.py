@@ -218,6 +218,7 @@ def _extract(
     from isosample.cli.sources import quality_of
     from isosample.rendering.framing import nothing_to_fit, visible_span
     from isosample.surfaces.cache import content_hash, write_cache
+    from isosample.volume.shown_cells import Shown
 
     quality = quality_of(args)
     residuals = args.error_map is not None or args.tolerance is not None or args.cache is not None
@@ -233,9 +234,9 @@ def _extract(
         )
     is_first = args.cache is not None and not (args.cache / "scene.json").exists()
     if is_first or args.fit == VISIBLE:
-        scene = replace(scene, visible=visible_span(volume, scene.transfer_function))
-    if args.fit == VISIBLE and scene.visible is None:
-        raise nothing_to_fit(volume)
+        scene = replace(scene, visible=Shown(visible_span(volume, scene.transfer_function)))
+    if args.fit == VISIBLE and scene.visible == Shown(None):
+        raise nothing_to_fit(volume.name, volume.value_range)
     if is_first:
         write_cache(
             args.cache,

@@ -124,6 +124,7 @@ def precompute(
     from isosample.rendering.quality import Quality
     from isosample.surfaces.cache import content_hash, write_cache
     from isosample.surfaces.cache_folders import folder_bytes
+    from isosample.volume.shown_cells import Shown
 
     surfaces, plan, seconds, _ = prepare_surfaces(
         volume, tf, Quality(per_slope=per_slope, lit=True), cache=cache, progress=progress
@@ -137,7 +138,7 @@ def precompute(
         transfer_function=tf,
         plan=plan,
         name=volume.name,
-        visible=visible_span(volume, tf),
+        visible=Shown(visible_span(volume, tf)),
     )
     took["write cache"] = time.perf_counter() - start
     found = surfaces.statistics

@@ -114,6 +114,7 @@ def precompute(
     from isosample.rendering.framing import visible_span
     from isosample.surfaces.cache import content_hash, write_cache
     from isosample.volume.scan import scan_volume
+    from isosample.volume.shown_cells import Shown
 
     quality = quality_of(args)
     scan = scan_volume(volume)
@@ -144,7 +145,7 @@ def precompute(
         plan=scene.plan,
         name=volume.name,
         mesh_distance=scene.mesh_distance,
-        visible=visible_span(volume, scene.transfer_function, scan=scan),
+        visible=Shown(visible_span(volume, scene.transfer_function, scan=scan)),
     )
     return folder, scene
 

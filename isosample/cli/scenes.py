@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from isosample.transfer.isovalues import IsovaluePlan
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.grid import Volume
-    from isosample.volume.shown_cells import Span
+    from isosample.volume.shown_cells import Shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,8 +39,8 @@ class PreparedScene:
         By stage.
     mesh_distance : float or None
         Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
-    visible : pair of 3 ints or None
-        First and last sample (x, y, z) of the box around what the transfer function shows, where that is known.
+    visible : Shown or None
+        Where the transfer function shows something of the volume; None: not known.
     """
 
     surfaces: SurfaceSet | StoredSurfaces
@@ -50,7 +50,7 @@ class PreparedScene:
     tf_origin: str
     seconds: dict[str, float]
     mesh_distance: float | None = None
-    visible: Span | None = None
+    visible: Shown | None = None
 
 
 def scene_from_volume(

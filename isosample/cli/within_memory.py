@@ -41,6 +41,7 @@ def precompute_within(
     from isosample.surfaces.cache import claim_folder, content_hash, known_visible, write_cache
     from isosample.surfaces.memory import MemoryPlan
     from isosample.surfaces.out_of_core import SurfaceLists
+    from isosample.volume.shown_cells import Shown
 
     quality = quality_of(args)
     masked = args.nan == "masked"
@@ -52,8 +53,8 @@ def precompute_within(
         remember(volume, scan, folder)
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
         note_if_volume_is_empty(volume, tf, quality.reconstruction)
-        visible = known_visible(folder, volume_hash, tf) or visible_span(
-            volume, tf, scan=scan, budget_bytes=MemoryPlan.of(memory).sample_bytes
+        visible = known_visible(folder, volume_hash, tf) or Shown(
+            visible_span(volume, tf, scan=scan, budget_bytes=MemoryPlan.of(memory).sample_bytes)
         )
         surfaces, plan, durations, distance = prepare_stored_surfaces(
             volume,

@@ -43,7 +43,7 @@ def visible_box(volume: Volume, transfer_function: TransferFunction) -> Box:
     """
     span = visible_span(volume, transfer_function)
     if span is None:
-        raise nothing_to_fit(volume)
+        raise nothing_to_fit(volume.name, volume.value_range)
     return volume.geometry.box_of(*span)
 
 
@@ -61,10 +61,10 @@ def visible_span(
     return shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes)
 
 
-def nothing_to_fit(volume: Volume) -> InputError:
+def nothing_to_fit(name: str, value_range: tuple[float, float]) -> InputError:
     """Return the error of a picture that is to be filled by what is visible, where nothing is."""
-    low, high = volume.value_range
+    low, high = value_range
     return InputError(
-        f"the transfer function shows nothing of {volume.name}, whose values go from {low:g} to {high:g}: there is "
+        f"the transfer function shows nothing of {name}, whose values go from {low:g} to {high:g}: there is "
         "nothing to fit into the picture. Frame the volume's box (--fit volume), or change the transfer function."
     )

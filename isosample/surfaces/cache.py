@@ -40,11 +40,11 @@ from isosample.surfaces.volume_file import read_scene, read_volume
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import bricks_of
+from isosample.volume.shown_cells import Shown
 
 if TYPE_CHECKING:
     from isosample.surfaces.chunk_table import Rows
     from isosample.surfaces.mesh import BrickMesh
-    from isosample.volume.shown_cells import Span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,7 +59,7 @@ class CachedScene:
     name : str
         Name of the volume.
     mesh_distance : float or None
-    visible : pair of 3 ints or None
+    visible : Shown or None
         As of `write_cache`.
     """
 
@@ -68,7 +68,7 @@ class CachedScene:
     plan: IsovaluePlan
     name: str
     mesh_distance: float | None = None
-    visible: Span | None = None
+    visible: Shown | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +80,7 @@ class OpenedScene:
     plan: IsovaluePlan
     name: str
     mesh_distance: float | None = None
-    visible: Span | None = None
+    visible: Shown | None = None
 
 
 def write_cache(
@@ -92,7 +92,7 @@ def write_cache(
     plan: IsovaluePlan,
     name: str = "volume",
     mesh_distance: float | None = None,
-    visible: Span | None = None,
+    visible: Shown | None = None,
 ) -> None:
     """Write a scene into a folder, next to surfaces of the same volume that are there already.
 
@@ -110,8 +110,8 @@ def write_cache(
         Name of the volume, for messages and titles.
     mesh_distance : float, optional
         Of an automatic refinement: largest rms distance of a level from its isosurface [voxel].
-    visible : pair of 3 ints, optional
-        First and last sample (x, y, z) of the box around what the transfer function shows (`visible_span`).
+    visible : Shown, optional
+        Where the transfer function shows something of the volume (`visible_span`); None: not known.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def write_cache(
     if mesh_distance is not None:
         scene["mesh_distance"] = mesh_distance
     if visible is not None:
-        scene["visible"] = visible
+        scene["visible"] = visible.span  # null: nothing is
     write_json(folder / "scene.json", "scene", scene)
 
 
@@ -208,11 +208,11 @@ def _opened(folder: Path, volume: dict[str, Any], scene: dict[str, Any]) -> Open
         plan=IsovaluePlan.from_dict(scene["plan"]),
         name=volume["name"],
         mesh_distance=scene.get("mesh_distance"),
-        visible=_span(scene),
+        visible=_shown(scene),
     )
 
 
-def known_visible(folder: str | Path, content_hash: str, transfer_function: TransferFunction) -> Span | None:
+def known_visible(folder: str | Path, content_hash: str, transfer_function: TransferFunction) -> Shown | None:
     """Return what the scene of a folder tells about where a transfer function shows something.
 
     None where there is no scene of this volume and transfer function, or it does not tell.
@@ -221,15 +221,17 @@ def known_visible(folder: str | Path, content_hash: str, transfer_function: Tran
         scene = read_scene(Path(folder), content_hash)
     except CacheError:  # none, or none that can be used: it is written anew
         return None
-    return _span(scene) if scene["transfer_function"] == transfer_function.to_dict() else None
+    return _shown(scene) if scene["transfer_function"] == transfer_function.to_dict() else None
 
 
-def _span(scene: dict[str, Any]) -> Span | None:
-    """Return the first and the last sample of what is visible; scenes of older folders do not tell."""
+def _shown(scene: dict[str, Any]) -> Shown | None:
+    """Return where something is visible; scenes of older folders do not tell."""
     if "visible" not in scene:
         return None
+    if scene["visible"] is None:
+        return Shown(None)
     (a, b, c), (d, e, f) = scene["visible"]
-    return (a, b, c), (d, e, f)
+    return Shown(((a, b, c), (d, e, f)))
 
 
 def _listed(folder: Path, store: MeshStore, key: str, isovalue: float) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,18 @@ if TYPE_CHECKING:
     from isosample.volume.scan import BrickScan
 
     Span = tuple[Triple, Triple]  # first and last sample (x, y, z), both included
+
+
+class Shown(NamedTuple):
+    """What is known about where a volume shows something; where nothing is known, there is no `Shown`.
+
+    Attributes
+    ----------
+    span : pair of 3 ints, or None
+        First and last sample (x, y, z) of the box around it, as of `shown_span`; None where nothing is shown.
+    """
+
+    span: Span | None
 
 
 def shown_span(

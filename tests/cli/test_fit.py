@@ -133,7 +133,8 @@ def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None
     for command in (f"{render} --tf tent.json", render):
         outcome = run(command)
         assert (outcome.status, outcome.err.count("\n")) == (2, 1)
-        assert "isosample precompute` with the same volume, --cache and this transfer function" in outcome.err
+        cure = "`isosample precompute` with the same volume, options and --cache, and with this transfer function"
+        assert cure in outcome.err
         assert not Path("out.npy").exists()
         # As a version that knew no such boxes left it.
         entries = {name: value for name, value in scene.items() if name not in ("format", "version")}
@@ -197,6 +198,29 @@ def test_nothing_visible_cannot_fill_a_picture(run: Run, method: str) -> None:
     assert outcome.status == 2
     assert "shows nothing of cube.npy, whose values go from 0 to 1: there is nothing to fit" in outcome.err
     assert not Path("out.npy").exists()
+
+
+@pytest.mark.parametrize("made", ["precompute", "precompute --memory 16GiB", "render -o first.npy"])
+def test_a_cache_folder_knows_that_nothing_is_visible(run: Run, made: str) -> None:
+    """For which there is no remedy; unlike a folder that does not know, which then does."""
+    write_json(
+        Path("nothing.json"), {"points": [{"value": v, "color": WHITE, "extinction": 1} for v in (7, 8)]}
+    )
+    command, *more = made.split(" ", 1)
+    again = f"{command} cube.npy --tf nothing.json --cache meshes {' '.join(more)}"
+    assert run(again).status == 0
+    picture = "render meshes --fit visible -o out.npy"
+    told = "shows nothing of meshes, whose values go from 0 to 1: there is nothing to fit"
+    assert told in run(picture).err
+    rewritten = read_json(Path("meshes/scene.json"), "scene")
+    assert rewritten.pop("visible", 0) is None
+    entries = {name: value for name, value in rewritten.items() if name not in ("format", "version")}
+    write_checked(Path("meshes/scene.json"), "scene", entries)
+    assert "does not tell where" in run(picture).err
+    assert run("precompute cube.npy --tf nothing.json --cache meshes").status == 0
+    outcome = run(picture)
+    assert (outcome.status, outcome.err.count("\n")) == (2, 2)  # that nothing will be shown is noted before
+    assert told in outcome.err
 
 
 @pytest.mark.parametrize("command", ["render cube.npy -o out.npy", "compare cube.npy -o out"])
