@@ -182,7 +182,8 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--fit",
         choices=("volume", "visible"),
         help="the box that the eye turns about and that fills the picture: all of the volume (default), or the cells "
-        "of which the transfer function shows something, whatever clip planes cut away",
+        "of which the transfer function shows something in the trilinear field, whatever clip planes cut away; a "
+        "smooth --reconstruction may show more beyond them",
     )
     group.add_argument(
         "--projection", choices=("orthographic", "perspective"), help="kind of camera (default orthographic)"

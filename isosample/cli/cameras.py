@@ -49,8 +49,12 @@ def framed_box(args: argparse.Namespace, volume: Volume, transfer_function: Tran
         If it is that of what is visible, and nothing is.
     """
     from isosample.rendering.framing import visible_box
+    from isosample.volume.reconstruction import Reconstruction
 
-    return visible_box(volume, transfer_function) if args.fit == VISIBLE else volume.box
+    if args.fit != VISIBLE:
+        return volume.box
+    reconstruction = Reconstruction(args.reconstruction or "trilinear")
+    return visible_box(volume, transfer_function, reconstruction=reconstruction)
 
 
 def framed_scene_box(args: argparse.Namespace, scene: PreparedScene) -> Box:

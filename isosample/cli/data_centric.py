@@ -234,7 +234,12 @@ def _extract(
         )
     is_first = args.cache is not None and not (args.cache / "scene.json").exists()
     if is_first or args.fit == VISIBLE:
-        scene = replace(scene, visible=Shown(visible_span(volume, scene.transfer_function)))
+        scene = replace(
+            scene,
+            visible=Shown(
+                visible_span(volume, scene.transfer_function, reconstruction=quality.reconstruction)
+            ),
+        )
     if args.fit == VISIBLE and scene.visible == Shown(None):
         raise nothing_to_fit(volume.name, volume.value_range)
     if is_first:

@@ -145,7 +145,9 @@ def precompute(
         plan=scene.plan,
         name=volume.name,
         mesh_distance=scene.mesh_distance,
-        visible=Shown(visible_span(volume, scene.transfer_function, scan=scan)),
+        visible=Shown(
+            visible_span(volume, scene.transfer_function, reconstruction=quality.reconstruction, scan=scan)
+        ),
     )
     return folder, scene
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from isosample.errors import InputError
 from isosample.rendering.transfer_texture import visible_intervals
 from isosample.transfer.transfer_function import check_is_transfer_function
 from isosample.volume.grid import check_is_volume
+from isosample.volume.macrocells import MacrocellGrid
+from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import SCAN_BUDGET
 from isosample.volume.shown_cells import shown_span
 
@@ -15,11 +19,17 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
+    from isosample.volume.macrocells import Bools
     from isosample.volume.scan import BrickScan
     from isosample.volume.shown_cells import Span
 
 
-def visible_box(volume: Volume, transfer_function: TransferFunction) -> Box:
+def visible_box(
+    volume: Volume,
+    transfer_function: TransferFunction,
+    *,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+) -> Box:
     """Smallest box of whole cells that holds all that a transfer function shows of a volume.
 
     For `Camera.orbit`, in place of `volume.box`: what is visible fills the picture, and the eye keeps its distance
@@ -29,19 +39,24 @@ def visible_box(volume: Volume, transfer_function: TransferFunction) -> Box:
     ----------
     volume : Volume
     transfer_function : TransferFunction
+    reconstruction : Reconstruction
+        Of the picture.
 
     Returns
     -------
     box : Box
-        Of the cells in which the trilinear field has extinction, or meets an isosurface of the transfer function. The
-        smooth reconstructions may reach out of it, where they differ from that field.
+        Of the cells in which the trilinear field has extinction, or meets an isosurface of the transfer function. A
+        smooth reconstruction may show something beyond, where it differs from that field. Where it alone can show
+        anything, as it reaches values that no sample has: of the macrocells whose bounds of it (`MacrocellGrid`) meet
+        such values.
 
     Raises
     ------
     InputError
-        If the transfer function shows nothing of the volume, or an argument is of another type.
+        If the transfer function shows nothing of the volume, an argument is of another type, or the volume has no such
+        reconstruction.
     """
-    span = visible_span(volume, transfer_function)
+    span = visible_span(volume, transfer_function, reconstruction=reconstruction)
     if span is None:
         raise nothing_to_fit(volume.name, volume.value_range)
     return volume.geometry.box_of(*span)
@@ -51,6 +66,7 @@ def visible_span(
     volume: Volume,
     transfer_function: TransferFunction,
     *,
+    reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     scan: BrickScan | None = None,
     budget_bytes: int = SCAN_BUDGET,
 ) -> Span | None:
@@ -58,7 +74,22 @@ def visible_span(
     check_is_volume(volume)
     check_is_transfer_function(transfer_function)
     intervals = visible_intervals(transfer_function, isosurfaces=True)
-    return shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes)
+    span = shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes)
+    if span is not None or not reconstruction.smooth:
+        return span
+    grid = MacrocellGrid.build(volume, reconstruction)  # which may reach beyond all samples
+    return _span_of(grid, grid.occupancy(intervals))
+
+
+def _span_of(grid: MacrocellGrid, occupied: Bools) -> Span | None:
+    """First and last sample (x, y, z) of the smallest box around some macrocells; None around none."""
+    if not occupied.any():
+        return None
+    places = np.argwhere(occupied)[:, ::-1]
+    x, y, z = (grid.cells * places.min(axis=0)).tolist()
+    ends = grid.cells * (places.max(axis=0) + 1)
+    u, v, w = np.minimum(ends, np.subtract(grid.volume.size_xyz, 1)).tolist()
+    return (x, y, z), (u, v, w)
 
 
 def nothing_to_fit(name: str, value_range: tuple[float, float]) -> InputError:

@@ -40,6 +40,7 @@ from isosample.surfaces.volume_file import read_scene, read_volume
 from isosample.transfer.isovalues import IsovaluePlan
 from isosample.transfer.transfer_function import TransferFunction
 from isosample.volume.bricks import bricks_of
+from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.shown_cells import Shown
 
 if TYPE_CHECKING:
@@ -213,15 +214,17 @@ def _opened(folder: Path, volume: dict[str, Any], scene: dict[str, Any]) -> Open
 
 
 def known_visible(folder: str | Path, content_hash: str, transfer_function: TransferFunction) -> Shown | None:
-    """Return what the scene of a folder tells about where a transfer function shows something.
+    """Return what the scene of a folder tells about where a transfer function shows something of the trilinear field.
 
-    None where there is no scene of this volume and transfer function, or it does not tell.
+    None where there is no such scene of this volume and transfer function, or it does not tell.
     """
     try:
         scene = read_scene(Path(folder), content_hash)
     except CacheError:  # none, or none that can be used: it is written anew
         return None
-    return _shown(scene) if scene["transfer_function"] == transfer_function.to_dict() else None
+    is_trilinear = scene["settings"]["reconstruction"] == Reconstruction.TRILINEAR.value
+    same = is_trilinear and scene["transfer_function"] == transfer_function.to_dict()
+    return _shown(scene) if same else None
 
 
 def _shown(scene: dict[str, Any]) -> Shown | None:

@@ -144,6 +144,55 @@ def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None
     assert run(render).status == 0
 
 
+@pytest.mark.parametrize("method", [*METHODS, "auto"])
+def test_what_a_smooth_reconstruction_alone_shows_is_framed(run: Run, method: str) -> None:
+    """The cubic spline overshoots the ones by up to a tenth, in their cube; no sample is above 1."""
+    points = [{"value": v, "color": WHITE, "extinction": 1} for v in (1.01, 2)]
+    write_json(Path("over.json"), {"points": points})
+    words = f"render cube.npy --tf over.json --size {SIZE}x{SIZE} --reconstruction cubic --method {method}"
+    assert run(f"{words} -o whole.npy").status == 0
+    outcome = run(f"{words} --fit visible -o out.npy")
+    assert outcome.status == 0, outcome.err
+    whole, fitted = (opacity(name).astype(bool) for name in ("whole.npy", "out.npy"))
+    if method == "data-centric":  # it is not refused; meshes begin between two samples, and none is above 1
+        assert not whole.any()
+    else:
+        assert 0 < whole.sum() < fitted.sum()
+    for edge in (fitted[0], fitted[-1], fitted[:, 0], fitted[:, -1]):
+        assert not edge.any()
+    assert "nothing to fit" in run(f"{words} --reconstruction trilinear --fit visible -o no.npy").err
+
+
+@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
+def test_a_folder_of_a_smooth_reconstruction_frames_what_that_shows(run: Run, more: str) -> None:
+    points = [{"value": v, "color": WHITE, "extinction": 1} for v in (1.01, 2)]
+    write_json(Path("over.json"), {"points": points})
+    assert run("precompute cube.npy --tf over.json --reconstruction cubic --cache meshes").status == 0
+    picture = f"render meshes --size {SIZE}x{SIZE} --fit visible -o cache.npy"
+    assert run(picture).status == 0
+    volume = picture.replace("meshes", "cube.npy --tf over.json --reconstruction cubic")
+    assert run(volume.replace("cache.npy", "volume.npy")).status == 0
+    np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
+    assert run(f"precompute cube.npy --tf over.json --cache meshes {more}").status == 0
+    assert "shows nothing of meshes" in run(picture).err
+
+
+@pytest.mark.parametrize("method", [*METHODS, "auto"])
+def test_masked_samples_are_not_framed(run: Run, cube: isosample.Volume, method: str) -> None:
+    """A far sample of one is alone among masked ones, and so is one of infinity: no cell there is whole."""
+    spoilt = cube.array.copy()
+    spoilt[30:33, 18:21, 14:17] = np.nan
+    spoilt[31, 19, 15] = 1.0
+    spoilt[2, 2, 2] = np.inf
+    np.save("spoilt.npy", spoilt)
+    words = f"{RENDER} --method {method}"
+    assert run(f"{words.replace('cube.npy', 'spoilt.npy')} --nan masked -o masked.npy").status == 0
+    assert run(f"{words} -o out.npy").status == 0
+    # Places of crossings as above: the chunks of the two meshes are made apart.
+    error = 26 * 50 * 2.0**-23 * 2 if method == "data-centric" else 0.0
+    np.testing.assert_allclose(np.load("masked.npy"), np.load("out.npy"), rtol=0, atol=error)
+
+
 @pytest.mark.parametrize("method", ["data-centric", "post-classified", "reference"])
 def test_a_turn_keeps_its_distance_and_has_the_bits_of_single_pictures(run: Run, method: str) -> None:
     words = f"{RENDER} --method {method} --projection perspective"
