@@ -129,9 +129,11 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
     from isosample.surfaces.cache_folders import has_scene
     from isosample.surfaces.cache_verification import verify_folder
 
-    without_scene = [folder for folder in folders if not has_scene(folder)]
     start = time.perf_counter()
     verified = {folder: verify_folder(folder) for folder in folders}
+    without_scene = [
+        folder for folder, found in verified.items() if found.looked_through and not has_scene(folder)
+    ]
     damaged = [(folder, chunk) for folder, found in verified.items() for chunk in found.damaged]
     incomplete = {folder: found for folder, found in verified.items() if found.pieces_missing}
     told = [line for folder, found in verified.items() for line in remedies(folder, found)]

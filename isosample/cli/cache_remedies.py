@@ -17,6 +17,8 @@ AGAIN = "`isosample precompute` with the same volume, transfer function, options
 
 def remedies(folder: Path, found: FolderVerified) -> list[str]:
     """Return what to run for what is damaged or missing in a folder: one line per kind of scene that needs it."""
+    if not found.looked_through:
+        return [f"the other files of {folder} were not read: volume.json comes first"]
     lines = []
     if found.scene_needs:
         lines.append(

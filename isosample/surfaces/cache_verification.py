@@ -30,6 +30,8 @@ class FolderVerified(NamedTuple):
     ----------
     volume : str
         Name of the volume; empty where volume.json cannot be used.
+    looked_through : bool
+        Whether all files were read: not where volume.json is there and cannot be used, whose remedy comes first.
     damaged : tuple of DamagedChunk
         Files that cannot be used, or that a scene needs and that are missing.
     pieces, pieces_missing : int
@@ -49,6 +51,7 @@ class FolderVerified(NamedTuple):
     """
 
     volume: str
+    looked_through: bool
     damaged: tuple[DamagedChunk, ...]
     pieces: int
     pieces_missing: int
@@ -74,6 +77,8 @@ def verify_folder(folder: Path) -> FolderVerified:
     needed = {folder / "scene.json"}
     with _noting(damaged, folder / OWNER_FILE):
         volume = volume_entries(folder)
+    if damaged and (folder / OWNER_FILE).exists():
+        return _not_looked_through(folder / OWNER_FILE, damaged[folder / OWNER_FILE])
     if has_scene(folder):  # else it was never rendered as a scene
         with _noting(damaged, folder / "scene.json"):
             scene = read_scene(folder, volume.get("content_hash"))
@@ -94,6 +99,7 @@ def verify_folder(folder: Path) -> FolderVerified:
     ownerless = damaged.keys() - needed - {folder / OWNER_FILE}
     return FolderVerified(
         volume=volume.get("name", ""),
+        looked_through=True,
         damaged=(*files, *chunks),
         pieces=len(listed.scene) + len(listed.others),
         pieces_missing=len((listed.scene.keys() | listed.others.keys()) - there),
@@ -102,6 +108,22 @@ def verify_folder(folder: Path) -> FolderVerified:
         scene_needs=bool(damaged.keys() & needed or listed.scene.keys() & of_scene),
         others_need=tuple(sorted({listed.others[key] for key in listed.others.keys() & of_others})),
         unlisted=len(unlisted) + len(ownerless),
+    )
+
+
+def _not_looked_through(path: Path, reason: str) -> FolderVerified:
+    """Of a folder whose volume.json cannot be used: what else is wrong with it depends on what that says."""
+    return FolderVerified(
+        volume="",
+        looked_through=False,
+        damaged=(DamagedChunk(path, reason),),
+        pieces=0,
+        pieces_missing=0,
+        scene_missing=0,
+        scene_isovalues=(),
+        scene_needs=False,
+        others_need=(),
+        unlisted=0,
     )
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from cli.harness import TF, Run, chunks, content, write_json
 from isosample.surfaces.cache import open_cache
-from isosample.surfaces.cache_files import read_arrays
+from isosample.surfaces.cache_files import read_arrays, read_json
+from isosample.surfaces.cache_files import write_json as write_checked
 from isosample.surfaces.chunk_folder import ChunkFolder
 from isosample.surfaces.surface_files import rows_of_arrays
 
@@ -52,6 +53,46 @@ def test_what_verify_names_precompute_puts_right(run: Run, cache: Path) -> None:
     )
     assert content(cache) == whole
     assert run("cache verify meshes").status == 0
+
+
+@pytest.mark.parametrize("harm", ["damage", "version", "entries", "no scene"])
+def test_a_volume_json_that_cannot_be_used_names_one_remedy_and_it_works(
+    run: Run, cache: Path, harm: str
+) -> None:
+    """Whatever else is wrong with the folder: other remedies would be refused as long as this file is there."""
+    owner = cache / "volume.json"
+    whole = content(cache)
+    first = chunks(cache)[0]
+    first.write_bytes(first.read_bytes()[:50])
+    if harm == "no scene":
+        (cache / "scene.json").unlink()
+    if harm == "version":
+        for path in (owner, cache / "scene.json"):
+            document = json.loads(path.read_text(encoding="utf-8"))
+            write_json(path, document | {"version": document["version"] + 1})
+    elif harm == "entries":
+        document = read_json(owner, "cache")
+        entries = {name: document[name] for name in document if name not in ("format", "version")}
+        write_checked(owner, "cache", entries | {"geometry": {}})
+    else:
+        owner.write_bytes(owner.read_bytes()[:-9])
+    outcome = run("cache verify meshes")
+    assert (outcome.status, outcome.fields()["damaged files"], outcome.fields()["incomplete"]) == (
+        1,
+        "1",
+        "0",
+    )
+    told = [line for line in outcome.out.splitlines() if "  " not in line]
+    assert [line.split(": ")[0] for line in told] == ["damaged", "the other files of meshes were not read"]
+    assert outcome.out.count("isosample precompute") == 1
+    assert len(json.loads(run("cache verify meshes --json").out)["remedies"]) == 1
+    if harm == "version":
+        assert "take another --cache folder, or delete this one" in outcome.out
+        return
+    assert "Remove this one file" in outcome.out
+    owner.unlink()
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    assert content(cache) == whole
 
 
 def other_scene(run: Run) -> None:
