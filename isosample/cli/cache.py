@@ -165,8 +165,9 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
         say(f"damaged: {chunk.path}: {chunk.reason}")
     for folder, found in incomplete.items():
         lost = f"{thousands(found.pieces_missing)} of {counted(found.pieces, 'piece')}"
-        whose = f"{thousands(found.scene_missing)} of them of its scene"
-        say(f"incomplete: {folder}: {lost} are not there (evicted or removed), {whose}")
+        of_scene = found.scene_missing
+        whose = "" if of_scene is None else f", {thousands(of_scene)} of them of its scene"
+        say(f"incomplete: {folder}: {lost} are not there (evicted or removed){whose}")
     for folder in without_scene:
         say(f"incomplete: {unfinished(folder)}")
     for line in told:

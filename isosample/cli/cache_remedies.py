@@ -1,4 +1,4 @@
-"""What restores a cache folder: the command of the scene that needs what is damaged or missing, where it is known."""
+"""What restores a cache folder: the command of its scene, and what is known of meshes that others made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AGAIN = "`isosample precompute` with the same volume, transfer function, options
 
 
 def remedies(folder: Path, found: FolderVerified) -> list[str]:
-    """Return what to run for what is damaged or missing in a folder: one line per kind of scene that needs it."""
+    """Return what to run for what is damaged or missing in a folder: one line for the scene, and for the rest."""
     if not found.looked_through:
         return [f"the other files of {folder} were not read: volume.json comes first"]
     lines = []
@@ -27,9 +27,9 @@ def remedies(folder: Path, found: FolderVerified) -> list[str]:
         )
     if found.others_need:
         lines.append(
-            f"remedy for other scenes of {folder}, which need {_isosurfaces(found.others_need)}: the folder keeps "
-            "their meshes, but does not know their transfer functions; run the `isosample precompute` of each again, "
-            "with its own --tf and options"
+            f"remedy for {_others(folder, found)}, of {_isosurfaces(found.others_need)}: the folder does not know "
+            "what they were made for; the `isosample precompute` or `isosample render --cache` that did, run again "
+            "with its own --tf and options, makes them anew"
         )
     if found.unlisted:
         lines.append(
@@ -37,6 +37,16 @@ def remedies(folder: Path, found: FolderVerified) -> list[str]:
             "`isosample precompute` needs one makes it anew"
         )
     return lines
+
+
+def _others(folder: Path, found: FolderVerified) -> str:
+    """Return what meshes are that the folder's scene is not known to need."""
+    if found.scene_missing is None:
+        return f"meshes of {folder}, which has no scene that tells whether it needs them"
+    return (
+        f"meshes that the scene of {folder} does not need (of other transfer functions or options, or of coarser tries "
+        "of --refine auto)"
+    )
 
 
 def _scene(found: FolderVerified) -> str:

@@ -1,4 +1,4 @@
-"""Whether a cache folder is whole: what is damaged or missing, and which scene needs it."""
+"""Whether a cache folder is whole: what is damaged or missing, and whether its scene needs it."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ class FolderVerified(NamedTuple):
     pieces, pieces_missing : int
         Pieces of isosurfaces that are listed, and those whose chunk is not there, because it made room for others or
         was removed. That is no damage: they are extracted again when they are needed.
-    scene_missing : int
-        Of the latter, those that the folder's scene needs; the others are of scenes that the folder held before.
+    scene_missing : int or None
+        Of the latter, those that the folder's scene needs; None where there is no scene that can be read.
     scene_isovalues : tuple of float
         Of the folder's scene, ascending; empty where there is none that can be used.
     scene_needs : bool
         Whether the folder's scene needs anything that is damaged or missing.
     others_need : tuple of float
-        Isovalues, ascending, of the pieces that are damaged or missing and that the scene does not need. A folder keeps
-        such pieces, but not the transfer functions and settings that they were made for.
+        Isovalues, ascending, of the pieces that are damaged or missing and that the scene is not known to need: of
+        other transfer functions or options, or of coarser tries of an automatic refinement. A folder keeps such
+        pieces, but not what they were made for.
     unlisted : int
         Damaged files of which nothing tells who needs them: chunks in no list, lists and boundaries of no scene.
     """
@@ -55,7 +56,7 @@ class FolderVerified(NamedTuple):
     damaged: tuple[DamagedChunk, ...]
     pieces: int
     pieces_missing: int
-    scene_missing: int
+    scene_missing: int | None
     scene_isovalues: tuple[float, ...]
     scene_needs: bool
     others_need: tuple[float, ...]
@@ -87,7 +88,8 @@ def verify_folder(folder: Path) -> FolderVerified:
                 needed |= _verify_scene(folder, scene, damaged)
                 TransferFunction.from_dict(scene["transfer_function"])
                 IsovaluePlan.from_dict(scene["plan"])
-    listed = _listed(folder, needed, damaged)
+    scene_known = has_scene(folder) and folder / "scene.json" not in damaged
+    listed = _listed(folder, needed if scene_known else set(), damaged)
     store = ChunkFolder(folder, read_only=True)
     there = set(store.keys())
     files = [DamagedChunk(path, reason) for path, reason in damaged.items()]
@@ -103,7 +105,7 @@ def verify_folder(folder: Path) -> FolderVerified:
         damaged=(*files, *chunks),
         pieces=len(listed.scene) + len(listed.others),
         pieces_missing=len((listed.scene.keys() | listed.others.keys()) - there),
-        scene_missing=len(listed.scene.keys() - there),
+        scene_missing=len(listed.scene.keys() - there) if scene_known else None,
         scene_isovalues=isovalues,
         scene_needs=bool(damaged.keys() & needed or listed.scene.keys() & of_scene),
         others_need=tuple(sorted({listed.others[key] for key in listed.others.keys() & of_others})),
@@ -119,7 +121,7 @@ def _not_looked_through(path: Path, reason: str) -> FolderVerified:
         damaged=(DamagedChunk(path, reason),),
         pieces=0,
         pieces_missing=0,
-        scene_missing=0,
+        scene_missing=None,
         scene_isovalues=(),
         scene_needs=False,
         others_need=(),

@@ -130,18 +130,21 @@ def test_the_remedy_restores_the_scene_that_lacks_something(run: Run, cache: Pat
     gone = max(first - second)
     told = harmed(gone)
     assert "remedy for the scene of meshes" not in told
-    assert f"remedy for other scenes of meshes, which need isosurface {gone!r}" in told
-    assert "does not know their transfer functions" in told
+    others = (
+        "remedy for meshes that the scene of meshes does not need (of other transfer functions or options, or"
+    )
+    assert others in told
+    assert f"of isosurface {gone!r}: the folder does not know what they were made for" in told
     assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
     told = run("cache verify meshes").out  # what restores the one leaves the other
-    assert "remedy for other scenes" in told
+    assert others in told
     assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
     assert "remedy" not in run("cache verify meshes").out
     assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
     assert content(cache) == whole
 
     told = harmed(max(second - first))
-    assert "remedy for other scenes" not in told
+    assert others not in told
     assert "remedy for the scene of meshes (13 isosurfaces from 21 to 81 of blob.npy)" in told
     assert "same volume, transfer function, options and --cache" in told
     assert run("precompute blob.npy --tf other.json --cache meshes").status == 0
@@ -160,3 +163,49 @@ def test_damage_that_no_scene_is_known_to_need_is_told_as_that(run: Run, cache: 
     (cache / "scene.json").unlink()
     remedies = json.loads(run("cache verify meshes --json").out)["remedies"]
     assert [line.split(" of meshes")[0] for line in remedies] == ["2 damaged files"]
+
+
+@pytest.mark.parametrize("harm", ["damaged", "missing", "later"])
+def test_where_no_scene_can_be_read_nothing_is_told_to_be_of_another(
+    run: Run, cache: Path, harm: str
+) -> None:
+    """The pieces are those of the scene that was there, which nothing tells any more."""
+    whole = content(cache)
+    path = cache / "scene.json"
+    if harm == "damaged":
+        path.write_text("{}")
+    elif harm == "missing":
+        path.unlink()
+    else:  # understood but for the last of what is made of it
+        document = read_json(path, "scene")
+        entries = {name: document[name] for name in document if name not in ("format", "version")}
+        write_checked(path, "scene", entries | {"plan": {}})
+    chunks(cache)[0].unlink()
+    found = json.loads(run("cache verify meshes --json").out)
+    assert [row["pieces_missing"] for row in found["incomplete"]] == [1]
+    assert [row["scene_pieces_missing"] for row in found["incomplete"]] == [None]
+    told = run("cache verify meshes").out
+    assert "other transfer functions" not in told
+    assert "of them of its scene" not in told
+    assert (
+        "remedy for meshes of meshes, which has no scene that tells whether it needs them, of isosurf" in told
+    )
+    assert run("precompute blob.npy --tf tf.json --cache meshes").status == 0
+    assert content(cache) == whole
+
+
+def test_coarser_tries_of_a_refinement_are_not_called_another_scene(run: Run) -> None:
+    """The scene needs the finest of them, and all were made by its own command."""
+    words = "precompute blob.npy --tf tf.json --per-slope 0 --refine auto --cache tried"
+    assert run(words).status == 0
+    folder = Path("tried")
+    whole = content(folder)
+    own = set(open_cache(folder).surfaces.chunk_table["key"].tolist())
+    tried = [path for path in chunks(folder) if path.stem.encode() not in own]
+    assert tried
+    tried[0].write_bytes(tried[0].read_bytes()[:50])
+    told = run("cache verify tried").out
+    assert "remedy for the scene" not in told
+    assert "or of coarser tries of --refine auto), of isosurface" in told
+    assert run(words).status == 0
+    assert content(folder) == whole
