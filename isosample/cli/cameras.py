@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from isosample.cli.console import progress_bars
 from isosample.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
 VISIBLE = "visible"
+FRAMING = "frame"  # what the search for that is called in the progress
 PLACING_OPTIONS = (*ORBIT_OPTIONS, "fit")  # none of them goes with a camera file
 
 
@@ -54,7 +57,10 @@ def framed_box(args: argparse.Namespace, volume: Volume, transfer_function: Tran
     if args.fit != VISIBLE:
         return volume.box
     reconstruction = Reconstruction(args.reconstruction or "trilinear")
-    return visible_box(volume, transfer_function, reconstruction=reconstruction)
+    with progress_bars() as progress:
+        return visible_box(
+            volume, transfer_function, reconstruction=reconstruction, progress=partial(progress, FRAMING)
+        )
 
 
 def framed_scene_box(args: argparse.Namespace, scene: PreparedScene) -> Box:

@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from isosample.cli.cache_names import default_cache_folder, likely_cache_folders
+from isosample.cli.cameras import FRAMING
 from isosample.cli.console import progress_bars
 from isosample.cli.outputs import nearest_existing, probe_folder
 from isosample.cli.scenes import PreparedScene
@@ -54,7 +55,13 @@ def precompute_within(
         tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=masked)
         note_if_volume_is_empty(volume, tf, quality.reconstruction)
         visible = known_visible(folder, volume_hash, tf) or Shown(
-            visible_span(volume, tf, scan=scan, budget_bytes=MemoryPlan.of(memory).sample_bytes)
+            visible_span(
+                volume,
+                tf,
+                scan=scan,
+                budget_bytes=MemoryPlan.of(memory).sample_bytes,
+                progress=partial(progress, FRAMING),
+            )
         )
         surfaces, plan, durations, distance = prepare_stored_surfaces(
             volume,

@@ -16,6 +16,8 @@ from isosample.volume.scan import SCAN_BUDGET
 from isosample.volume.shown_cells import shown_span
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
@@ -29,6 +31,7 @@ def visible_box(
     transfer_function: TransferFunction,
     *,
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Box:
     """Smallest box of whole cells that holds all that a transfer function shows of a volume.
 
@@ -41,6 +44,8 @@ def visible_box(
     transfer_function : TransferFunction
     reconstruction : Reconstruction
         Of the picture.
+    progress : callable, optional
+        Called with (bricks done, bricks in all).
 
     Returns
     -------
@@ -56,7 +61,7 @@ def visible_box(
         If the transfer function shows nothing of the volume, an argument is of another type, or the volume has no such
         reconstruction.
     """
-    span = visible_span(volume, transfer_function, reconstruction=reconstruction)
+    span = visible_span(volume, transfer_function, reconstruction=reconstruction, progress=progress)
     if span is None:
         raise nothing_to_fit(volume.name, volume.value_range)
     return volume.geometry.box_of(*span)
@@ -69,12 +74,13 @@ def visible_span(
     reconstruction: Reconstruction = Reconstruction.TRILINEAR,
     scan: BrickScan | None = None,
     budget_bytes: int = SCAN_BUDGET,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Span | None:
     """First and last sample (x, y, z) of `visible_box`; None where nothing is visible. As of `shown_span`."""
     check_is_volume(volume)
     check_is_transfer_function(transfer_function)
     intervals = visible_intervals(transfer_function, isosurfaces=True)
-    span = shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes)
+    span = shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes, progress=progress)
     if span is not None or not reconstruction.smooth:
         return span
     grid = MacrocellGrid.build(volume, reconstruction)  # which may reach beyond all samples

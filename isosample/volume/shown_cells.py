@@ -9,10 +9,10 @@ import numpy as np
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
 from isosample.volume.macrocells import ranges_meet
 from isosample.volume.scan import SCAN_BUDGET
-from isosample.volume.windows import brick_windows
+from isosample.volume.windows import brick_windows, samples_read
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy.typing as npt
 
@@ -41,6 +41,7 @@ def shown_span(
     *,
     scan: BrickScan | None = None,
     budget_bytes: int = SCAN_BUDGET,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Span | None:
     """Smallest box of whole cells in which the trilinear field has a value of some intervals.
 
@@ -50,10 +51,11 @@ def shown_span(
     intervals : (N, 2) array_like of float
         Closed intervals of values, in data units, in any order; they may overlap.
     scan : BrickScan, optional
-        Of this volume with bricks of `BRICK_CELLS`, where there is one: then only bricks at the border of the box are
-        read.
+        Of this volume with bricks of `BRICK_CELLS`, where there is one. Without it all samples are read once more.
     budget_bytes : int
         Samples in memory at once, where they are not there already.
+    progress : callable, optional
+        Called with (bricks done, bricks in all); those that need not be looked at are done, too.
 
     Returns
     -------
@@ -70,31 +72,54 @@ def shown_span(
     -----
     The trilinear field of a cell takes every value between the smallest and the largest of its eight samples, and no
     other. Bricks whose range misses the intervals are not looked at, and of the others only those that reach out of
-    what is found: at first the outermost along each axis.
+    what is found: at first the outermost along each axis. Of a file the bricks of one face are read together, so that
+    what lies between opposite faces is not; or all of them, where its chunks are so large that this is less.
     """
     bricks = bricks_of(volume.size_xyz)
     known = scan is not None and scan.brick_cells == BRICK_CELLS
-    ranges = scan.ranges if scan is not None and known else _ranges(volume, bricks, budget_bytes)
+    told = _Told(progress, len(bricks) if known else 2 * len(bricks))
+    ranges = scan.ranges if scan is not None and known else _ranges(volume, bricks, budget_bytes, told)
     meet = ranges_meet(ranges[:, 0], ranges[:, 1], intervals)
     left = [bricks[row] for row in np.flatnonzero(meet).tolist()]
     found: list[Span] = []
     while left:
         outermost = _outermost(left)
-        for window in brick_windows(volume, outermost, budget_bytes=budget_bytes):
-            spans = (_shown_in(window.volume, outermost[row], intervals) for row in window.rows)
-            found.extend(span for span in spans if span is not None)
+        for group in _read_together(volume, outermost, budget_bytes):
+            for window in brick_windows(volume, group, budget_bytes=budget_bytes):
+                spans = (_shown_in(window.volume, group[row], intervals) for row in window.rows)
+                found.extend(span for span in spans if span is not None)
+                told.of(len(window.rows))
         looked_at = {brick.index for brick in outermost}
         around = _around(found)
         left = [brick for brick in left if brick.index not in looked_at and not _holds(around, brick)]
+    told.all()
     return _around(found)
 
 
-def _ranges(volume: Volume, bricks: Sequence[Brick], budget_bytes: int) -> F64:
+class _Told:
+    """How many bricks are done, for who wants to know."""
+
+    def __init__(self, progress: Callable[[int, int], None] | None, total: int) -> None:
+        self._progress, self._done, self._total = progress, 0, total
+
+    def of(self, bricks: int) -> None:
+        """Tell of more bricks."""
+        self._done += bricks
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+    def all(self) -> None:
+        """Tell that there is nothing left to do."""
+        self.of(self._total - self._done)
+
+
+def _ranges(volume: Volume, bricks: Sequence[Brick], budget_bytes: int, told: _Told) -> F64:
     """(B, 2) float64, as `brick_ranges`, each chunk of a file being read once where the budget allows."""
     ranges = np.empty((len(bricks), 2))
     for window in brick_windows(volume, bricks, budget_bytes=budget_bytes):
         rows = list(window.rows)
         ranges[rows] = brick_ranges(window.volume, [bricks[row] for row in rows])
+        told.of(len(rows))
     return ranges
 
 
@@ -103,6 +128,21 @@ def _outermost(bricks: Sequence[Brick]) -> list[Brick]:
     places = np.array([brick.index for brick in bricks])
     outer = ((places == places.min(axis=0)) | (places == places.max(axis=0))).any(axis=1)
     return [bricks[row] for row in np.flatnonzero(outer).tolist()]
+
+
+def _read_together(volume: Volume, outermost: list[Brick], budget_bytes: int) -> list[list[Brick]]:
+    """Those of one face in a group, each in its first; all in one where that reads no more of the file."""
+    groups: dict[int, list[Brick]] = {}
+    places = np.array([brick.index for brick in outermost])
+    sides = np.concatenate([places == places.min(axis=0), places == places.max(axis=0)], axis=1)
+    for brick, face in zip(outermost, sides[:, ::-1].argmax(axis=1).tolist(), strict=True):
+        groups.setdefault(face, []).append(brick)
+    apart = [groups[face] for face in sorted(groups)]
+    read = [
+        sum(samples_read(volume, group, budget_bytes=budget_bytes) for group in way)
+        for way in ([outermost], apart)
+    ]
+    return apart if read[1] < read[0] else [outermost]
 
 
 def _shown_in(volume: Volume, brick: Brick, intervals: npt.ArrayLike) -> Span | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -86,6 +87,31 @@ def brick_windows(volume: Volume, bricks: Sequence[Brick], *, budget_bytes: int)
         pool.shutdown(cancel_futures=True)
 
 
+def samples_read(volume: Volume, bricks: Sequence[Brick], *, budget_bytes: int) -> int:
+    """How many samples `brick_windows` reads, with all of the chunks of the file that it touches; 0 of an array.
+
+    Raises as `brick_windows`.
+    """
+    source = lazily(volume.array)
+    if not isinstance(source, LazySamples):
+        return 0
+    found = 0
+    for layers in _columns(source, bricks, volume.name, budget_bytes):
+        reached = 0
+        for layer in layers:
+            if layer.high[0] <= reached:
+                continue
+            start = (max(layer.low[0], reached), *layer.low[1:])
+            reached = _chunk_border(source, layer.high[0])
+            stop = (reached, *layer.high[1:])
+            chunks = (
+                -(-end // size) - first // size
+                for first, end, size in zip(start, stop, source.chunks, strict=True)
+            )
+            found += math.prod(chunks) * math.prod(source.chunks)
+    return found
+
+
 def _views(volume: Volume, bricks: Sequence[Brick]) -> Iterator[BrickWindow]:
     """Yield the volume itself for every layer of bricks."""
     for rows in _by_layer(bricks, range(len(bricks))):
@@ -149,11 +175,16 @@ def _window_bytes(source: LazySamples, layer: Layer) -> int:
     return min(depth, source.shape[0]) * high * wide * source.dtype.itemsize
 
 
+def _chunk_border(source: LazySamples, stop: int) -> int:
+    """The first border of chunks along z that is not before a place; the last sample is followed by one."""
+    depth = source.chunks[0]
+    return min(-(-stop // depth) * depth, source.shape[0])
+
+
 def _read_columns(
     source: LazySamples, columns: Sequence[Sequence[Layer]]
 ) -> Iterator[tuple[Layer, SampleArray]]:
     """Yield every layer with its samples, whose z starts at the layer's."""
-    depth = source.chunks[0]
     for layers in columns:
         held: SampleArray | None = None
         first = 0  # sample along z where `held` begins
@@ -165,7 +196,7 @@ def _read_columns(
             else:
                 held = held[z - first :]
             if held is None or stop > held_stop:
-                up_to = min(-(-stop // depth) * depth, source.shape[0])
+                up_to = _chunk_border(source, stop)
                 fresh = source.read((slice(held_stop, up_to), slice(y, y_stop), slice(x, x_stop)))
                 held = fresh if held is None or not len(held) else np.concatenate([held, fresh])
                 del fresh

@@ -14,6 +14,7 @@ import pytest
 
 import isosample
 from cli.harness import Run, write_json
+from isosample.cli import console
 from isosample.cli.methods import METHODS
 from isosample.compare.false_color import shown
 from isosample.surfaces.cache_files import read_json
@@ -142,6 +143,18 @@ def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None
     assert run("render meshes -o out.npy").status == 0
     assert run("precompute cube.npy --tf tent.json --cache meshes").status == 0
     assert run(render).status == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "render cube.npy --tf tent.json --fit visible --method reference --size 4x4 -o out.npy",
+        "precompute cube.npy --tf tent.json --memory 16GiB --cache meshes",
+    ],
+)
+def test_the_search_tells_its_progress(run: Run, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+    monkeypatch.setattr(console, "MOMENT", -1.0)
+    assert "isosample: frame: 100 % after" in run(words).err
 
 
 @pytest.mark.parametrize("method", [*METHODS, "auto"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, cast
 
@@ -10,12 +12,13 @@ import pytest
 
 from isosample.errors import InputError
 from isosample.volume import shown_cells
-from isosample.volume.bricks import BRICK_CELLS
+from isosample.volume.bricks import BRICK_CELLS, bricks_of
 from isosample.volume.geometry import GridGeometry
 from isosample.volume.grid import Volume
 from isosample.volume.lazy import LazySamples
 from isosample.volume.scan import scan_volume
 from isosample.volume.shown_cells import shown_span
+from isosample.volume.windows import brick_windows, samples_read
 
 if TYPE_CHECKING:
     from isosample.volume.bricks import Brick
@@ -29,13 +32,17 @@ INTERVALS = np.array([[0.5, 0.6], [0.55, 0.8], [2.0, 3.0]])
 class InFile(LazySamples):
     """Samples as if they stayed in a file, in chunks."""
 
-    def __init__(self, samples: F64) -> None:
-        super().__init__(
-            (samples.shape[0], samples.shape[1], samples.shape[2]), samples.dtype, chunks=(5, 7, 9)
-        )
+    def __init__(self, samples: SampleArray, chunks: tuple[int, int, int] = (5, 7, 9)) -> None:
+        super().__init__((samples.shape[0], samples.shape[1], samples.shape[2]), samples.dtype, chunks=chunks)
         self.samples = samples
+        self.decoded = 0  # samples of all chunks that were touched, at every read
 
     def read(self, block: Block) -> SampleArray:
+        counts = [
+            size * (-(-part.stop // size) - part.start // size)
+            for part, size in zip(block, self.chunks, strict=True)
+        ]
+        self.decoded += math.prod(counts)
         found: SampleArray = self.samples[block].copy()
         return found
 
@@ -148,6 +155,45 @@ def test_only_bricks_at_the_border_are_looked_at(monkeypatch: pytest.MonkeyPatch
         tuple(count - 1 for count in samples.shape[::-1]),
     )
     assert len(looked_at) == len(set(looked_at)) == 5 * 4 * 3 - 3 * 2 * 1
+
+
+@pytest.mark.parametrize("chunks", [(1, 1, 1), (4, 4, 4), (1, 96, 96), (96, 96, 1)])
+def test_of_a_file_the_faces_are_read_and_not_what_is_between(
+    monkeypatch: pytest.MonkeyPatch, chunks: tuple[int, int, int]
+) -> None:
+    """Or every chunk once, where chunks reach from face to face."""
+    count, cells = 96, 8
+    monkeypatch.setattr(shown_cells, "BRICK_CELLS", cells)
+    monkeypatch.setattr(shown_cells, "bricks_of", partial(bricks_of, cells=cells))
+    samples = np.random.default_rng(1).random((count,) * 3).astype(np.float32)
+    # A face of bricks is 9 samples deep, with one more behind; all chunks are whole.
+    face = -(-(cells + 2) // chunks[0]) * chunks[0] * count**2
+    most = 6 * face if max(chunks) < count else count**3
+    scan = scan_volume(Volume(samples), cells)
+    in_file = InFile(samples, chunks)
+    told: list[tuple[int, int]] = []
+    span = shown_span(
+        Volume(cast("SampleArray", in_file)), INTERVALS, scan=scan, progress=lambda *now: told.append(now)
+    )
+    assert span == ((0, 0, 0), (count - 1,) * 3)
+    assert in_file.decoded <= most
+    bricks = (count // cells) ** 3
+    assert [total for _, total in told] == [bricks] * len(told)
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert told[-1] == (bricks, bricks)
+
+
+@pytest.mark.parametrize("chunks", [(1, 1, 1), (5, 7, 9), (3, 70, 101), (36, 70, 101)])
+@pytest.mark.parametrize("budget_bytes", [4 << 20, 512 << 20])
+def test_what_will_be_read_is_foretold(chunks: tuple[int, int, int], budget_bytes: int) -> None:
+    in_file = InFile(bumps((36, 70, 101), 1), chunks)
+    volume = Volume(cast("SampleArray", in_file))
+    bricks = bricks_of(volume.size_xyz)
+    told = samples_read(volume, bricks, budget_bytes=budget_bytes)
+    for _ in brick_windows(volume, bricks, budget_bytes=budget_bytes):
+        pass
+    assert in_file.decoded == told
+    assert samples_read(Volume(in_file.samples), bricks, budget_bytes=budget_bytes) == 0
 
 
 def test_the_box_of_a_span_is_where_its_samples_are() -> None:
