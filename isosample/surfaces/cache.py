@@ -218,13 +218,14 @@ def known_visible(folder: str | Path, content_hash: str, transfer_function: Tran
 
     None where there is no such scene of this volume and transfer function, or it does not tell.
     """
+    wanted = Reconstruction.TRILINEAR.value, transfer_function.to_dict()
     try:
         scene = read_scene(Path(folder), content_hash)
+        with understood(Path(folder) / "scene.json", "scene"):
+            found = scene["settings"]["reconstruction"], scene["transfer_function"]
+            return _shown(scene) if found == wanted else None
     except CacheError:  # none, or none that can be used: it is written anew
         return None
-    is_trilinear = scene["settings"]["reconstruction"] == Reconstruction.TRILINEAR.value
-    same = is_trilinear and scene["transfer_function"] == transfer_function.to_dict()
-    return _shown(scene) if same else None
 
 
 def _shown(scene: dict[str, Any]) -> Shown | None:

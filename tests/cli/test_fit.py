@@ -13,30 +13,19 @@ import PIL.Image
 import pytest
 
 import isosample
+from cli.fit_cases import FIRST, LAST, RENDER, SIZE, WHITE, write_cube
 from cli.harness import Run, write_json
 from isosample.cli import console
 from isosample.cli.methods import METHODS
 from isosample.compare.false_color import shown
-from isosample.surfaces.cache_files import read_json
-from isosample.surfaces.cache_files import write_json as write_checked
 
 pytestmark = pytest.mark.usefixtures("gl")
-
-SIZE = 60
-WHITE = [1, 1, 1]
-TENT = {"points": [{"value": v, "color": WHITE, "extinction": e} for v, e in ((0.5, 0), (0.75, 2), (2, 2))]}
-FIRST, LAST = np.array([12, 3, 5]), np.array([17, 8, 10])  # samples (x, y, z) of a cube of ones, in a corner
-RENDER = f"render cube.npy --tf tent.json --size {SIZE}x{SIZE} --fit visible"
 
 
 @pytest.fixture(autouse=True)
 def cube(folder: Path) -> isosample.Volume:
-    """cube.npy: ones from `FIRST` to `LAST`, zeros elsewhere; tent.json shows what is above 0.5."""
-    samples = np.zeros((40, 25, 20), dtype=np.float32)
-    samples[tuple(slice(a, b + 1) for a, b in zip(FIRST[::-1], LAST[::-1], strict=True))] = 1.0
-    np.save(folder / "cube.npy", samples)
-    write_json(folder / "tent.json", TENT)
-    return isosample.Volume(samples)
+    """The volume of cube.npy, which is there with tent.json."""
+    return write_cube(folder)
 
 
 def opacity(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
@@ -103,48 +92,6 @@ def test_an_eye_between_the_box_and_the_volume_s_faces_sees_all_that_is_visible(
     assert np.abs(found - expected).max() <= error
 
 
-@pytest.mark.parametrize("more", ["", "--memory 16GiB", "--details 2"])
-def test_a_cache_folder_is_framed_as_its_volume(run: Run, more: str) -> None:
-    details = "--details 2" if "details" in more else ""
-    assert run(f"{RENDER} {details} --azimuth 30 -o volume.npy").status == 0
-    for _ in range(2):  # the second run finds the box in the folder
-        assert run(f"precompute cube.npy --tf tent.json --cache meshes {more}").status == 0
-        for tf in ("", "--tf tent.json"):
-            picture = f"render meshes {tf} --size {SIZE}x{SIZE} --fit visible --azimuth 30 -o cache.npy"
-            assert run(picture).status == 0
-            np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
-
-
-def test_the_first_scene_of_a_cache_that_render_makes_tells_its_box(run: Run) -> None:
-    words = f"render cube.npy --tf tent.json --size {SIZE}x{SIZE}"
-    assert run(f"{words} --cache meshes -o out.npy").status == 0
-    assert run(f"{words} --fit visible -o volume.npy").status == 0
-    assert run(f"render meshes --size {SIZE}x{SIZE} --fit visible -o cache.npy").status == 0
-    np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
-
-
-def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None:
-    assert run("precompute cube.npy --tf tent.json --cache meshes").status == 0
-    write_json(Path("other.json"), {"points": TENT["points"][1:]})
-    scene = read_json(Path("meshes/scene.json"), "scene")
-    known = scene.pop("visible")
-    assert known == [(FIRST - 1).tolist(), (LAST + 1).tolist()]
-    render = "render meshes --fit visible -o out.npy"
-    assert run("precompute cube.npy --tf other.json --cache meshes").status == 0
-    for command in (f"{render} --tf tent.json", render):
-        outcome = run(command)
-        assert (outcome.status, outcome.err.count("\n")) == (2, 1)
-        cure = "`isosample precompute` with the same volume, options and --cache, and with this transfer function"
-        assert cure in outcome.err
-        assert not Path("out.npy").exists()
-        # As a version that knew no such boxes left it.
-        entries = {name: value for name, value in scene.items() if name not in ("format", "version")}
-        write_checked(Path("meshes/scene.json"), "scene", entries)
-    assert run("render meshes -o out.npy").status == 0
-    assert run("precompute cube.npy --tf tent.json --cache meshes").status == 0
-    assert run(render).status == 0
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -174,20 +121,6 @@ def test_what_a_smooth_reconstruction_alone_shows_is_framed(run: Run, method: st
     for edge in (fitted[0], fitted[-1], fitted[:, 0], fitted[:, -1]):
         assert not edge.any()
     assert "nothing to fit" in run(f"{words} --reconstruction trilinear --fit visible -o no.npy").err
-
-
-@pytest.mark.parametrize("more", ["", "--memory 16GiB"])
-def test_a_folder_of_a_smooth_reconstruction_frames_what_that_shows(run: Run, more: str) -> None:
-    points = [{"value": v, "color": WHITE, "extinction": 1} for v in (1.01, 2)]
-    write_json(Path("over.json"), {"points": points})
-    assert run("precompute cube.npy --tf over.json --reconstruction cubic --cache meshes").status == 0
-    picture = f"render meshes --size {SIZE}x{SIZE} --fit visible -o cache.npy"
-    assert run(picture).status == 0
-    volume = picture.replace("meshes", "cube.npy --tf over.json --reconstruction cubic")
-    assert run(volume.replace("cache.npy", "volume.npy")).status == 0
-    np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
-    assert run(f"precompute cube.npy --tf over.json --cache meshes {more}").status == 0
-    assert "shows nothing of meshes" in run(picture).err
 
 
 @pytest.mark.parametrize("method", [*METHODS, "auto"])
@@ -260,29 +193,6 @@ def test_nothing_visible_cannot_fill_a_picture(run: Run, method: str) -> None:
     assert outcome.status == 2
     assert "shows nothing of cube.npy, whose values go from 0 to 1: there is nothing to fit" in outcome.err
     assert not Path("out.npy").exists()
-
-
-@pytest.mark.parametrize("made", ["precompute", "precompute --memory 16GiB", "render -o first.npy"])
-def test_a_cache_folder_knows_that_nothing_is_visible(run: Run, made: str) -> None:
-    """For which there is no remedy; unlike a folder that does not know, which then does."""
-    write_json(
-        Path("nothing.json"), {"points": [{"value": v, "color": WHITE, "extinction": 1} for v in (7, 8)]}
-    )
-    command, *more = made.split(" ", 1)
-    again = f"{command} cube.npy --tf nothing.json --cache meshes {' '.join(more)}"
-    assert run(again).status == 0
-    picture = "render meshes --fit visible -o out.npy"
-    told = "shows nothing of meshes, whose values go from 0 to 1: there is nothing to fit"
-    assert told in run(picture).err
-    rewritten = read_json(Path("meshes/scene.json"), "scene")
-    assert rewritten.pop("visible", 0) is None
-    entries = {name: value for name, value in rewritten.items() if name not in ("format", "version")}
-    write_checked(Path("meshes/scene.json"), "scene", entries)
-    assert "does not tell where" in run(picture).err
-    assert run("precompute cube.npy --tf nothing.json --cache meshes").status == 0
-    outcome = run(picture)
-    assert (outcome.status, outcome.err.count("\n")) == (2, 2)  # that nothing will be shown is noted before
-    assert told in outcome.err
 
 
 @pytest.mark.parametrize("command", ["render cube.npy -o out.npy", "compare cube.npy -o out"])
