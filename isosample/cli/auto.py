@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from isosample.cli.cameras import framed_box, orbit
+from isosample.cli.cameras import VISIBLE, box_of, orbit, search_visible
 from isosample.cli.console import note, say_fields
 from isosample.cli.methods import methods_left
 from isosample.cli.outputs import check_driver
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
     from isosample.volume.macrocells import MacrocellGrid
+    from isosample.volume.shown_cells import Shown
 
 
 FEWEST_SAMPLES = (
@@ -35,7 +36,8 @@ WORTH_SECONDS, WORTH_FACTOR = 5.0, 3.0  # so much quicker another method must be
 class Opened:
     """A volume that was opened to choose a method for it, its transfer function and where that is from.
 
-    With the box that fills the picture, where no file places the camera, and bounds of the volume's field, where it was
+    With the box that fills the picture, where no file places the camera, what it is around if it is not the volume's
+    own, and bounds of the volume's field, where it was
     chosen by an estimate.
     """
 
@@ -43,6 +45,7 @@ class Opened:
     transfer_function: TransferFunction
     tf_origin: str
     box: Box
+    visible: Shown | None = None
     macrocells: MacrocellGrid | None = None
 
 
@@ -164,7 +167,10 @@ def _open(args: argparse.Namespace) -> Opened:
     volume = open_source_volume(args, args.source)
     check_driver(args.size)
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
-    return Opened(volume, tf, origin, framed_box(args, volume, tf))
+    if args.fit != VISIBLE:
+        return Opened(volume, tf, origin, volume.box)
+    visible = search_visible(args, volume, tf)
+    return Opened(volume, tf, origin, box_of(volume, visible), visible)
 
 
 def _tell(args: argparse.Namespace, choice: dict[str, object]) -> None:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from isosample.transfer.transfer_function import TransferFunction
     from isosample.volume.geometry import Box
     from isosample.volume.grid import Volume
+    from isosample.volume.scan import BrickScan
+    from isosample.volume.shown_cells import Shown
 
 ORBIT_OPTIONS = ("azimuth", "elevation", "up", "zoom", "projection")
 VISIBLE = "visible"
@@ -43,6 +45,37 @@ def azimuths(args: argparse.Namespace) -> list[float]:
     return [first + 360.0 * number / count for number in range(count)]
 
 
+def search_visible(
+    args: argparse.Namespace,
+    volume: Volume,
+    transfer_function: TransferFunction,
+    scan: BrickScan | None = None,
+) -> Shown:
+    """Look where a transfer function shows something of a volume; `scan` as for `visible_span`.
+
+    Raises
+    ------
+    InputError
+        If ``--fit`` asks for the box of what is visible, and nothing is.
+    """
+    from isosample.rendering.framing import nothing_to_fit, visible_span
+    from isosample.volume.reconstruction import Reconstruction
+    from isosample.volume.shown_cells import Shown
+
+    reconstruction = Reconstruction(args.reconstruction or "trilinear")
+    with progress_bars() as progress:
+        span = visible_span(
+            volume,
+            transfer_function,
+            reconstruction=reconstruction,
+            scan=scan,
+            progress=partial(progress, FRAMING),
+        )
+    if span is None and args.fit == VISIBLE:
+        raise nothing_to_fit(volume.name, volume.value_range)
+    return Shown(span)
+
+
 def framed_box(args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction) -> Box:
     """Return the box that ``--fit`` asks for.
 
@@ -51,16 +84,15 @@ def framed_box(args: argparse.Namespace, volume: Volume, transfer_function: Tran
     InputError
         If it is that of what is visible, and nothing is.
     """
-    from isosample.rendering.framing import visible_box
-    from isosample.volume.reconstruction import Reconstruction
-
     if args.fit != VISIBLE:
         return volume.box
-    reconstruction = Reconstruction(args.reconstruction or "trilinear")
-    with progress_bars() as progress:
-        return visible_box(
-            volume, transfer_function, reconstruction=reconstruction, progress=partial(progress, FRAMING)
-        )
+    return box_of(volume, search_visible(args, volume, transfer_function))
+
+
+def box_of(volume: Volume, shown: Shown) -> Box:
+    """Return the box of what is shown, which is not nothing."""
+    assert shown.span is not None
+    return volume.geometry.box_of(*shown.span)
 
 
 def framed_scene_box(args: argparse.Namespace, scene: PreparedScene) -> Box:

@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
     tf, origin = transfer_function_of(volume, given, args.tf, nan_masked=args.nan == "masked")
     scene = _scene(args, volume.in_memory(), tf, size)
     experiment = _experiment(
-        args, scene, sweep, [fixed] if fixed else _around(args, framed_box(args, volume, tf), size)
+        args, scene, sweep, [fixed] if fixed else _around(args, framed_box(args, scene.volume, tf), size)
     )
     with progress_bars(begins=True) as progress:
         outcome = run_experiment(experiment, progress)

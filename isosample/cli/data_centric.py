@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from isosample.cli.cameras import VISIBLE, framed_scene_box, orbit
+from isosample.cli.cameras import VISIBLE, framed_scene_box, orbit, search_visible
 from isosample.cli.console import note, progress_bars
 from isosample.cli.methods import choice_statistics
 from isosample.cli.outputs import check_driver, write_json
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from isosample.rendering.pipeline import Renderer
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.turntable import FrameLog
-    from isosample.transfer.transfer_function import TransferFunction
-    from isosample.volume.grid import Volume
 
 VIEWS = 4  # of a film, that are looked at for a tolerance
 MESH_OPTIONS = (
@@ -186,11 +184,11 @@ def scene_statistics(scene: PreparedScene, args: argparse.Namespace) -> dict[str
 def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
     """Return the scene of the source; a missing driver is told before the long work."""
     from isosample.cli import sources
+    from isosample.cli.auto import Opened
     from isosample.cli.cached_scenes import scene_from_cache
 
     if opened is not None:
-        scene = _extract(args, opened.volume, opened.transfer_function)
-        return replace(scene, tf_origin=opened.tf_origin)
+        return _extract(args, opened)
     transfer_function = sources.load_transfer_function(args.tf)
     if sources.is_cache_folder(args.source):
         sources.refuse_volume_options(args, args.source, MESH_OPTIONS)
@@ -207,50 +205,49 @@ def _prepare(args: argparse.Namespace, opened: Opened | None) -> PreparedScene:
         return scene
     volume = sources.open_source_volume(args, args.source)
     check_driver(args.size)
-    return _extract(args, volume, transfer_function)
+    tf, origin = sources.transfer_function_of(
+        volume, transfer_function, args.tf, nan_masked=args.nan == "masked"
+    )
+    return _extract(args, Opened(volume, tf, origin, volume.box))
 
 
-def _extract(
-    args: argparse.Namespace, volume: Volume, transfer_function: TransferFunction | None
-) -> PreparedScene:
+def _extract(args: argparse.Namespace, opened: Opened) -> PreparedScene:
     """Plan and extract, with the cache folder where one is given; its first scene is kept in it."""
     from isosample.cli.scenes import scene_from_volume
     from isosample.cli.sources import quality_of
-    from isosample.rendering.framing import nothing_to_fit, visible_span
     from isosample.surfaces.cache import content_hash, write_cache
-    from isosample.volume.shown_cells import Shown
+    from isosample.volume.scan import scan_volume
 
-    quality = quality_of(args)
+    quality, volume = quality_of(args), opened.volume
+    is_first = args.cache is not None and not (args.cache / "scene.json").exists()
+    scan = scan_volume(volume) if is_first else None
+    if scan is not None:
+        scan.tell(volume)
+    visible = opened.visible
+    if visible is None and (
+        is_first or args.fit == VISIBLE
+    ):  # before the long work: there may be nothing to fit
+        visible = search_visible(args, volume, opened.transfer_function, scan)
     residuals = args.error_map is not None or args.tolerance is not None or args.cache is not None
     with progress_bars() as progress:
         scene = scene_from_volume(
             args,
             volume,
-            transfer_function,
+            opened.transfer_function,
             quality=quality,
             residuals=residuals,
             cache=args.cache,
             progress=progress,
         )
-    is_first = args.cache is not None and not (args.cache / "scene.json").exists()
-    if is_first or args.fit == VISIBLE:
-        scene = replace(
-            scene,
-            visible=Shown(
-                visible_span(volume, scene.transfer_function, reconstruction=quality.reconstruction)
-            ),
-        )
-    if args.fit == VISIBLE and scene.visible == Shown(None):
-        raise nothing_to_fit(volume.name, volume.value_range)
     if is_first:
         write_cache(
             args.cache,
             scene.surfaces,
-            content_hash=content_hash(volume),
+            content_hash=content_hash(volume, scan),
             transfer_function=scene.transfer_function,
             plan=scene.plan,
             name=volume.name,
             mesh_distance=scene.mesh_distance,
-            visible=scene.visible,
+            visible=visible,
         )
-    return scene
+    return replace(scene, tf_origin=opened.tf_origin, visible=visible)

@@ -18,6 +18,7 @@ from cli.harness import Run, write_json
 from isosample.cli import console
 from isosample.cli.methods import METHODS
 from isosample.compare.false_color import shown
+from isosample.rendering import framing
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -193,6 +194,39 @@ def test_nothing_visible_cannot_fill_a_picture(run: Run, method: str) -> None:
     assert outcome.status == 2
     assert "shows nothing of cube.npy, whose values go from 0 to 1: there is nothing to fit" in outcome.err
     assert not Path("out.npy").exists()
+
+
+@pytest.mark.parametrize("method", ["", "--method data-centric", "--method auto"])
+def test_that_there_is_nothing_to_fit_is_told_before_a_cache_folder_is_begun(run: Run, method: str) -> None:
+    write_json(
+        Path("nothing.json"), {"points": [{"value": v, "color": WHITE, "extinction": 1} for v in (7, 8)]}
+    )
+    words = f"render cube.npy --tf nothing.json --cache meshes {method} -o out.npy"
+    assert "there is nothing to fit" in run(f"{words} --fit visible").err
+    assert not Path("meshes").exists()
+    assert run(words).status == 0
+    assert Path("meshes").exists()
+
+
+def test_a_comparison_reads_a_file_once(
+    run: Run, cube: isosample.Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes the volume into memory, where the box is looked for, too."""
+    pytest.importorskip("jinja2")
+    h5py = pytest.importorskip("h5py")
+    with h5py.File("cube.h5", "w") as file:
+        file.create_dataset("cube", data=cube.array, chunks=(8, 8, 8))
+    searched: list[bool] = []
+    search = framing.visible_span
+
+    def noted(volume: isosample.Volume, *words: Any, **options: Any) -> Any:
+        searched.append(volume.stays_in_file)
+        return search(volume, *words, **options)
+
+    monkeypatch.setattr(framing, "visible_span", noted)
+    sweep = "--methods data-centric --per-slopes 2 --repeat 1 --size 24x20 --fit visible"
+    assert run(f"compare cube.h5 --tf tent.json {sweep} -o out").status == 0
+    assert searched == [False]
 
 
 @pytest.mark.parametrize("command", ["render cube.npy -o out.npy", "compare cube.npy -o out"])

@@ -11,8 +11,10 @@ import pytest
 from cli.fit_cases import FIRST, LAST, RENDER, SIZE, TENT, WHITE, write_cube
 from cli.harness import Run, write_json
 from isosample.rendering import framing
+from isosample.surfaces import volume_file
 from isosample.surfaces.cache_files import read_json
 from isosample.surfaces.cache_files import write_json as write_checked
+from isosample.volume import shown_cells
 
 pytestmark = pytest.mark.usefixtures("gl")
 
@@ -74,6 +76,41 @@ def test_the_first_scene_of_a_cache_that_render_makes_tells_its_box(run: Run) ->
     assert run(f"{words} --fit visible -o volume.npy").status == 0
     assert run(f"render meshes --size {SIZE}x{SIZE} --fit visible -o cache.npy").status == 0
     np.testing.assert_array_equal(np.load("cache.npy"), np.load("volume.npy"))
+
+
+@pytest.mark.parametrize("more", ["", "--fit visible"])
+def test_the_first_scene_of_a_cache_is_scanned_for_its_box_and_its_name_at_once(
+    run: Run, monkeypatch: pytest.MonkeyPatch, more: str
+) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("a scan of the volume tells this")
+
+    monkeypatch.setattr(shown_cells, "_ranges", refuse)
+    monkeypatch.setattr(volume_file, "scan_volume", refuse)
+    words = f"render cube.npy --tf tent.json --method data-centric --size 16x12 --cache meshes {more}"
+    assert run(f"{words} -o out.npy").status == 0
+    assert read_json(Path("meshes/scene.json"), "scene")["visible"] == [
+        (FIRST - 1).tolist(),
+        (LAST + 1).tolist(),
+    ]
+
+
+def test_the_box_that_was_found_to_choose_a_method_is_not_searched_for_again(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searches: list[object] = []
+    search = shown_cells.shown_span
+
+    def noted(*words: Any, **options: Any) -> Any:
+        searches.append(words)
+        return search(*words, **options)
+
+    monkeypatch.setattr(framing, "shown_span", noted)
+    for method in ("", "--method auto --cache meshes --per-slope 2"):
+        searches.clear()
+        words = f"render cube.npy --tf tent.json --fit visible --size 16x12 {method} -o out.npy"
+        assert run(words).status == 0
+        assert len(searches) == 1
 
 
 def test_a_folder_that_does_not_know_the_box_says_what_adds_it(run: Run) -> None:
