@@ -14,6 +14,7 @@ from isosample.volume.macrocells import MacrocellGrid
 from isosample.volume.reconstruction import Reconstruction
 from isosample.volume.scan import SCAN_BUDGET
 from isosample.volume.shown_cells import shown_span
+from isosample.volume.value_ranges import ranges_cross
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +51,7 @@ def visible_box(
     Returns
     -------
     box : Box
-        Of the cells in which the trilinear field has extinction, or meets an isosurface of the transfer function. A
+        Of the cells in which the trilinear field has extinction, or crosses an isosurface of the transfer function. A
         smooth reconstruction may show something beyond, where it differs from that field. Where it alone can show
         anything, as it reaches values that no sample has: of the macrocells whose bounds of it (`MacrocellGrid`) meet
         such values.
@@ -79,12 +80,15 @@ def visible_span(
     """First and last sample (x, y, z) of `visible_box`; None where nothing is visible. As of `shown_span`."""
     check_is_volume(volume)
     check_is_transfer_function(transfer_function)
-    intervals = visible_intervals(transfer_function, isosurfaces=True)
-    span = shown_span(volume, intervals, scan=scan, budget_bytes=budget_bytes, progress=progress)
+    intervals = visible_intervals(transfer_function, isosurfaces=False)
+    levels = [surface.value for surface in transfer_function.isosurfaces]
+    span = shown_span(
+        volume, intervals, levels=levels, scan=scan, budget_bytes=budget_bytes, progress=progress
+    )
     if span is not None or not reconstruction.smooth:
         return span
     grid = MacrocellGrid.build(volume, reconstruction)  # which may reach beyond all samples
-    return _span_of(grid, grid.occupancy(intervals))
+    return _span_of(grid, grid.occupancy(intervals) | ranges_cross(grid.low, grid.high, levels))
 
 
 def _span_of(grid: MacrocellGrid, occupied: Bools) -> Span | None:

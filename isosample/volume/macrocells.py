@@ -13,6 +13,7 @@ from isosample.defaults import MACROCELLS
 from isosample.errors import InputError
 from isosample.volume.lazy import lazily
 from isosample.volume.reconstruction import GridSpline
+from isosample.volume.value_ranges import ranges_meet
 
 if TYPE_CHECKING:
     from isosample.volume.grid import F64, SampleArray, Volume
@@ -174,40 +175,6 @@ class MacrocellGrid:
         return cast("Bytes", np.minimum(whole, most).astype(np.uint8))
 
 
-def ranges_meet(low: F64, high: F64, intervals: npt.ArrayLike) -> Bools:
-    """Tell which ranges have a value in common with one of some intervals.
-
-    Parameters
-    ----------
-    low, high : (...) float64
-        Ends of the ranges, themselves included; one whose low end is NaN, or above its high end, is empty.
-    intervals : (N, 2) array_like of float
-        Closed intervals, in any order; they may overlap.
-
-    Returns
-    -------
-    meet : (...) bool
-
-    Raises
-    ------
-    InputError
-        If the array has another shape, or an interval ends before it begins.
-    """
-    seen = np.asarray(intervals, dtype=np.float64)
-    if seen.size == 0:
-        return np.zeros(low.shape, dtype=np.bool_)
-    if seen.ndim != 2 or seen.shape[1] != 2:
-        raise InputError(f"intervals have shape {seen.shape}; expected (N, 2): first and last value.")
-    wrong = np.flatnonzero(~(seen[:, 0] <= seen[:, 1]))
-    if wrong.size:
-        raise InputError(f"intervals[{wrong[0]}] is {seen[wrong[0]].tolist()}; expected first <= last.")
-    starts, ends = _merged(seen)
-    first = np.searchsorted(ends, low)  # first interval that does not end below the range
-    nearest = starts[np.minimum(first, len(starts) - 1)]
-    meet: Bools = (first < len(starts)) & (nearest <= high)
-    return meet
-
-
 def _grid_shape(volume: Volume, cells: int) -> Triple:
     """Macrocells along z, y, x."""
     x, y, z = (max(1, -(-(count - 1) // cells)) for count in volume.size_xyz)
@@ -242,14 +209,6 @@ def _over_windows(ufunc: np.ufunc, rows: SampleArray, shape: Triple, cells: int,
         taken = [np.take(reduced, np.minimum(starts + n, last), axis=axis) for n in range(width)]
         reduced = ufunc.reduce(np.stack(taken), axis=0)
     return reduced
-
-
-def _merged(intervals: F64) -> tuple[F64, F64]:
-    """First and last values of the same intervals joined where they meet, ascending."""
-    ordered = intervals[np.argsort(intervals[:, 0], kind="stable")]
-    reach = np.maximum.accumulate(ordered[:, 1])
-    begins = np.concatenate([[True], ordered[1:, 0] > reach[:-1]])
-    return ordered[begins, 0], reach[np.concatenate([begins[1:], [True]])]
 
 
 def _standard_deviation(volume: Volume) -> float:

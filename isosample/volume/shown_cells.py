@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from isosample.volume.bricks import BRICK_CELLS, brick_ranges, bricks_of
-from isosample.volume.macrocells import ranges_meet
 from isosample.volume.scan import SCAN_BUDGET
+from isosample.volume.value_ranges import ranges_cross, ranges_meet
 from isosample.volume.windows import brick_windows, samples_read
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from isosample.volume.bricks import Brick, Triple
     from isosample.volume.grid import F64, Volume
     from isosample.volume.scan import BrickScan
+    from isosample.volume.value_ranges import Bools
 
     Span = tuple[Triple, Triple]  # first and last sample (x, y, z), both included
 
@@ -39,17 +40,21 @@ def shown_span(
     volume: Volume,
     intervals: npt.ArrayLike,
     *,
+    levels: npt.ArrayLike = (),
     scan: BrickScan | None = None,
     budget_bytes: int = SCAN_BUDGET,
     progress: Callable[[int, int], None] | None = None,
 ) -> Span | None:
-    """Smallest box of whole cells in which the trilinear field has a value of some intervals.
+    """Smallest box of whole cells in which the trilinear field has a value of some intervals, or crosses a level.
 
     Parameters
     ----------
     volume : Volume
     intervals : (N, 2) array_like of float
         Closed intervals of values, in data units, in any order; they may overlap.
+    levels : (N,) array_like of float
+        Values of isosurfaces, in data units: of them cells count that have values below one, and values that are not. A
+        cell that has just this value everywhere has no surface.
     scan : BrickScan, optional
         Of this volume with bricks of `BRICK_CELLS`, where there is one. Without it all samples are read once more.
     budget_bytes : int
@@ -79,14 +84,14 @@ def shown_span(
     known = scan is not None and scan.brick_cells == BRICK_CELLS
     told = _Told(progress, len(bricks) if known else 2 * len(bricks))
     ranges = scan.ranges if scan is not None and known else _ranges(volume, bricks, budget_bytes, told)
-    meet = ranges_meet(ranges[:, 0], ranges[:, 1], intervals)
+    meet = _shows(ranges[:, 0], ranges[:, 1], intervals, levels)
     left = [bricks[row] for row in np.flatnonzero(meet).tolist()]
     found: list[Span] = []
     while left:
         outermost = _outermost(left)
         for group in _read_together(volume, outermost, budget_bytes):
             for window in brick_windows(volume, group, budget_bytes=budget_bytes):
-                spans = (_shown_in(window.volume, group[row], intervals) for row in window.rows)
+                spans = (_shown_in(window.volume, group[row], intervals, levels) for row in window.rows)
                 found.extend(span for span in spans if span is not None)
                 told.of(len(window.rows))
         looked_at = {brick.index for brick in outermost}
@@ -145,14 +150,19 @@ def _read_together(volume: Volume, outermost: list[Brick], budget_bytes: int) ->
     return apart if read[1] < read[0] else [outermost]
 
 
-def _shown_in(volume: Volume, brick: Brick, intervals: npt.ArrayLike) -> Span | None:
+def _shows(low: F64, high: F64, intervals: npt.ArrayLike, levels: npt.ArrayLike) -> Bools:
+    """Which ranges of values show something."""
+    return ranges_meet(low, high, intervals) | ranges_cross(low, high, levels)
+
+
+def _shown_in(volume: Volume, brick: Brick, intervals: npt.ArrayLike, levels: npt.ArrayLike) -> Span | None:
     """`shown_span` of the cells of one brick."""
     samples = np.array(volume.array[brick.slices], dtype=np.float64)
     samples[~np.isfinite(samples)] = np.nan
     low = high = samples
     for axis in range(3):
         low, high = _of_pairs(np.minimum, low, axis), _of_pairs(np.maximum, high, axis)
-    shown = ranges_meet(low, high, intervals)
+    shown = _shows(low, high, intervals, levels)
     if not shown.any():
         return None
     z, y, x = (np.flatnonzero(shown.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1)))

@@ -124,6 +124,26 @@ def test_what_a_smooth_reconstruction_alone_shows_is_framed(run: Run, method: st
     assert "nothing to fit" in run(f"{words} --reconstruction trilinear --fit visible -o no.npy").err
 
 
+@pytest.mark.parametrize("method", [name for name in (*METHODS, "auto") if name != "post-classified"])
+def test_an_isosurface_at_the_background_s_value_is_framed_by_what_it_is_around(
+    run: Run, cube: isosample.Volume, method: str
+) -> None:
+    """Of a pit in the ground, which ends at the ground's value: there it is seen, and nowhere else."""
+    pit = 0.0 - cube.array.astype(np.float32)
+    np.save("pit.npy", pit)
+    write_json(
+        Path("ground.json"), {"points": [], "isosurfaces": [{"value": 0, "color": WHITE, "opacity": 1}]}
+    )
+    words = f"render pit.npy --tf ground.json --size {SIZE}x{SIZE} --method {method}"
+    assert run(f"{words} --fit visible -o out.npy").status == 0
+    box = isosample.visible_box(isosample.Volume(pit), isosample.TransferFunction.load("ground.json"))
+    np.testing.assert_array_equal(box.corner, FIRST - 1.0)
+    np.testing.assert_array_equal(box.edges, np.diag(LAST - FIRST + 2.0))
+    seen = opacity("out.npy").astype(bool)
+    assert seen.mean() > 0.2
+    assert not (seen[0] | seen[-1] | seen[:, 0] | seen[:, -1]).any()
+
+
 @pytest.mark.parametrize("method", [*METHODS, "auto"])
 def test_masked_samples_are_not_framed(run: Run, cube: isosample.Volume, method: str) -> None:
     """A far sample of one is alone among masked ones, and so is one of infinity: no cell there is whole."""

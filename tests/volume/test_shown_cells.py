@@ -21,6 +21,8 @@ from isosample.volume.shown_cells import shown_span
 from isosample.volume.windows import brick_windows, samples_read
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from isosample.volume.bricks import Brick
     from isosample.volume.grid import F64, SampleArray
     from isosample.volume.lazy import Block
@@ -47,7 +49,7 @@ class InFile(LazySamples):
         return found
 
 
-def span_by_every_cell(samples: F64, intervals: F64) -> Span | None:
+def span_by_every_cell(samples: F64, intervals: F64, levels: Sequence[float] = ()) -> Span | None:
     """The same, cell by cell and interval by interval."""
     corners = np.stack(
         [
@@ -60,6 +62,8 @@ def span_by_every_cell(samples: F64, intervals: F64) -> Span | None:
     shown = np.zeros(whole.shape, dtype=np.bool_)
     for first, last in intervals.tolist():
         shown |= whole & (low <= last) & (high >= first)
+    for level in levels:
+        shown |= whole & (low < level) & (high >= level)
     if not shown.any():
         return None
     cells = np.argwhere(shown)[:, ::-1]
@@ -122,6 +126,28 @@ def test_values_between_samples_count_and_those_beside_do_not() -> None:
     assert shown_span(Volume(samples), [[np.nextafter(1.0, 2.0), 2.0]]) is None
 
 
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("levels", [[0.0], [1.0], [0.0, 2.0, -1.0], [0.5, 0.0], []])
+def test_a_level_is_seen_where_the_field_crosses_it(seed: int, levels: list[float]) -> None:
+    """And not where it is just that everywhere, as these bumps are 0 outside and, rounded, 1 in places."""
+    samples = np.rint(3.0 * bumps((36, 70, 101), seed)) / 2.0 - 0.5 * bumps((36, 70, 101), seed + 1)
+    intervals = np.array([[1.4, 1.4]])
+    expected = span_by_every_cell(samples, intervals, levels)
+    volume = Volume(samples)
+    assert shown_span(volume, intervals, levels=levels) == expected
+    assert shown_span(volume, intervals, levels=levels, scan=scan_volume(volume)) == expected
+
+
+def test_a_background_at_a_level_is_no_surface_and_its_border_is_one_from_below() -> None:
+    samples = np.zeros((5, 6, 7))
+    assert shown_span(Volume(samples), [], levels=[0.0]) is None
+    samples[2, 3, 4] = 1.0
+    assert shown_span(Volume(samples), [], levels=[0.0]) is None  # nothing is below
+    assert shown_span(Volume(samples), [], levels=[1.0]) == ((3, 2, 1), (5, 4, 3))
+    assert shown_span(Volume(-samples), [], levels=[0.0]) == ((3, 2, 1), (5, 4, 3))
+    assert shown_span(Volume(-samples), [], levels=[-1.0]) is None
+
+
 def test_a_brick_whose_range_alone_has_such_a_value_does_not_end_the_search() -> None:
     """The outermost bricks have samples on both sides of it, with masked ones between; a cell has it in the middle."""
     samples = np.zeros((5 * BRICK_CELLS,) * 3, dtype=np.float32)
@@ -145,9 +171,9 @@ def test_only_bricks_at_the_border_are_looked_at(monkeypatch: pytest.MonkeyPatch
     looked_at: list[tuple[int, int, int]] = []
     look = shown_cells._shown_in
 
-    def noted(volume: Volume, brick: Brick, intervals: F64) -> Span | None:
+    def noted(volume: Volume, brick: Brick, intervals: F64, levels: F64) -> Span | None:
         looked_at.append(brick.index)
-        return look(volume, brick, intervals)
+        return look(volume, brick, intervals, levels)
 
     monkeypatch.setattr(shown_cells, "_shown_in", noted)
     assert shown_span(Volume(samples), INTERVALS) == (
