@@ -90,7 +90,12 @@ def _list(folders: list[Path], *, as_json: bool) -> int:
     found = [summarise(folder) for folder in folders]
     if as_json:
         rows = [
-            {**entry._asdict(), "folder": str(entry.folder), "size_xyz": list(entry.size_xyz)}
+            {
+                **entry._asdict(),
+                "folder": str(entry.folder),
+                "size_xyz": list(entry.size_xyz),
+                "state": entry.state,
+            }
             for entry in found
         ]
         say_json({"caches": rows, "size_bytes": sum(entry.size_bytes for entry in found)})

@@ -43,7 +43,7 @@ def test_ls_tells_what_each_cache_holds(run: Run, cache: Path) -> None:
         "state",
     ]
     assert row.split()[:6] == ["meshes", "blob.npy", "10x9x8", "13", "0", str(entry["chunks"])]
-    assert (row.split()[-1], entry["pieces_missing"]) == ("complete", 0)
+    assert (row.split()[-1], entry["state"], entry["pieces_missing"]) == ("complete", "complete", 0)
     assert total.startswith("1 cache, ")
 
 
@@ -83,6 +83,7 @@ def test_ls_marks_folders_whose_scene_lacks_meshes(run: Run, details: str) -> No
     max(scene_chunks(folder)).unlink()
     entry = json.loads(run("cache ls meshes --json").out)["caches"][0]
     assert (entry["pieces_missing"], entry["chunks"], entry["finished"]) == (1, len(there) - 1, True)
+    assert entry["state"] == "incomplete"
     outcome = run("cache ls meshes")
     assert outcome.status == 0
     assert outcome.out.splitlines()[1].split()[-1] == "incomplete"
@@ -149,7 +150,8 @@ def test_a_folder_of_a_later_version_hides_no_other(run: Run, cache: Path, entry
     assert [row.split()[-1] for row in outcome.out.splitlines()[1:3]] == ["complete", "unusable"]
     problem = f"later/{name} has entries that this version does not understand ("
     assert f"cannot be used: {problem}" in outcome.out
-    assert len(json.loads(run("cache ls meshes later --json").out)["caches"]) == 2
+    rows = json.loads(run("cache ls meshes later --json").out)["caches"]
+    assert [row["state"] for row in rows] == ["complete", "unusable"]
     verified = run("cache verify meshes later")
     assert (verified.status, verified.fields()["damaged files"]) == (1, "1")
     assert problem in verified.out
@@ -199,7 +201,8 @@ def test_an_interrupted_cache_is_told_as_such_and_goes_on(
     assert listed.out.splitlines()[1].split()[3] == "?"
     assert listed.out.splitlines()[1].split()[-1] == "unfinished"
     assert f"incomplete: {told}" in listed.out
-    assert not json.loads(run("cache ls half --json").out)["caches"][0]["finished"]
+    (entry,) = json.loads(run("cache ls half --json").out)["caches"]
+    assert (entry["finished"], entry["state"]) == (False, "unfinished")
     finished = run(f"precompute {words}")
     assert finished.fields()["levels"] == "13 (13 reused)"
     assert run("cache verify half").fields()["incomplete"] == "0"
