@@ -25,11 +25,11 @@ from isosample.rendering.transfer_texture import (
     looked_up_intervals,
     shown_peaks,
     transfer_texels,
-    visible_intervals,
 )
 from isosample.transfer.peaks import peak_table
 from isosample.transfer.table_sizes import layer_lengths
 from isosample.transfer.value_bands import ValueBands
+from isosample.transfer.visible_values import visible_intervals
 
 if TYPE_CHECKING:
     import moderngl

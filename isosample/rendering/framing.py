@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from isosample.errors import InputError
-from isosample.rendering.transfer_texture import visible_intervals
 from isosample.transfer.transfer_function import check_is_transfer_function
+from isosample.transfer.visible_values import visible_intervals
 from isosample.volume.grid import check_is_volume
 from isosample.volume.macrocells import MacrocellGrid
 from isosample.volume.reconstruction import Reconstruction

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.defaults import MACROCELLS
-from isosample.rendering.transfer_texture import visible_intervals
+from isosample.transfer.visible_values import visible_intervals
 from isosample.volume.bricks import BRICK_CELLS
 from isosample.volume.cell_sample import sample_cells
 from isosample.volume.macrocells import MacrocellGrid

@@ -120,25 +120,6 @@ def shown_peaks(transfer_function: TransferFunction, scale: ValueScale) -> list[
     return found
 
 
-def visible_intervals(transfer_function: TransferFunction, *, isosurfaces: bool) -> F64:
-    """(N, 2) float64, closed intervals of data values with extinction, and isosurfaces as points if they are shown.
-
-    Ascending by their lower ends; neighbouring slopes are one interval each. The end of a slope without extinction is
-    left out: much of a volume may have just that value.
-    """
-    slopes = [
-        (
-            slope.low.value if slope.low.extinction > 0 else math.nextafter(slope.low.value, math.inf),
-            slope.high.value if slope.high.extinction > 0 else math.nextafter(slope.high.value, -math.inf),
-        )
-        for slope in transfer_function.slopes()
-        if slope.visible
-    ]
-    slopes = [(low, high) for low, high in slopes if low <= high]
-    points = [(surface.value, surface.value) for surface in transfer_function.isosurfaces if isosurfaces]
-    return np.array(sorted([*slopes, *points]), dtype=np.float64).reshape(-1, 2)
-
-
 def looked_up_intervals(intervals: F64, scale: ValueScale, cells: int, *, whole_cells: bool) -> F64:
     """Intervals of values at which a lookup shows something.
 
