@@ -189,7 +189,6 @@ def _verify(folders: list[Path], *, as_json: bool) -> int:
 
 def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) -> int:
     """Remove what is too much, and write what it was."""
-    from isosample.surfaces.cache_folders import scene_lacks
     from isosample.surfaces.chunk_folder import ChunkFolder, prune
 
     pruned = prune([ChunkFolder(folder) for folder in folders], budget, pretend=pretend)
@@ -214,11 +213,22 @@ def _prune(folders: list[Path], budget: int, *, pretend: bool, as_json: bool) ->
             say(f"{verb} {files} ({byte_size(entry.leftover_bytes)}) of {folder}")
         if entry.chunks:
             say(f"{verb} {_meshes(entry.chunks)} ({byte_size(entry.size_bytes)}) of {folder}")
-            if not pretend and (lacks := scene_lacks(folder)):
-                say(f"{folder} is now incomplete: {_lack(lacks)}")
+            if not pretend:
+                _say_what_is_left(folder)
     total, size = sum(entry.chunks for entry in pruned), sum(entry.size_bytes for entry in pruned)
     say_fields({verb: f"{_meshes(total)}, {byte_size(size)}", "meshes left": byte_size(left)})
     return 0
+
+
+def _say_what_is_left(folder: Path) -> None:
+    """Tell where the scene of a folder cannot be rendered, now that meshes were removed."""
+    from isosample.surfaces.cache_folders import summarise
+
+    found = summarise(folder)
+    if found.problem:
+        say(f"cannot be used: {found.problem}")
+    elif found.pieces_missing:
+        say(f"{folder} is now incomplete: {_lack(found.pieces_missing)}")
 
 
 def _lack(pieces: int) -> str:

@@ -124,6 +124,15 @@ def test_prune_removes_what_was_used_longest_ago_first(run: Run, cache: Path) ->
     assert [(row["cache"], row["pieces_missing"]) for row in found["incomplete"]] == [("meshes", 3)]
 
 
+def test_prune_goes_on_after_a_folder_whose_scene_cannot_be_used(run: Run, cache: Path) -> None:
+    shutil.copytree(cache, cache.parent / "more")
+    (cache / "scene.json").write_text("{}")
+    outcome = run("cache prune meshes more --budget 1KiB")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "cannot be used: meshes/scene.json is not an isosample scene" in outcome.out
+    assert "more is now incomplete" in outcome.out
+
+
 def test_prune_removes_what_killed_processes_left(run: Run, cache: Path) -> None:
     there = chunks(cache)
     left = cache / "surfaces" / f".{'0' * 32}.tmp"
