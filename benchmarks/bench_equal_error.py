@@ -167,7 +167,7 @@ def _isosurfaces() -> RaycastScene:
     return equal_error_scenes.isosurfaces()
 
 
-def report(*, quick: bool, full: bool = False, only: str = "") -> str:
+def report(*, quick: bool, full: bool = False, only: str = "", repetitions: int = REPETITIONS) -> str:
     """Both tables: times at equal errors, and all that was measured."""
     verdicts: list[tuple[str, ...]] = []
     points: list[tuple[str, ...]] = []
@@ -177,7 +177,7 @@ def report(*, quick: bool, full: bool = False, only: str = "") -> str:
         curves = measure(
             makers_of(scene, size),
             scene.reference(size),
-            repetitions=QUICK_REPETITIONS if quick else REPETITIONS,
+            repetitions=QUICK_REPETITIONS if quick else repetitions,
             stop_error=min(ERRORS),
             stop_processor=STOP_SECONDS[size],
             slow_frame=SLOW,
@@ -194,21 +194,21 @@ def report(*, quick: bool, full: bool = False, only: str = "") -> str:
     )  # fmt: skip
     parts = [
         "## Data-centric frames, ray casters and VTK at equal errors\n",
-        _told(),
+        _told(repetitions),
         table(heads, verdicts),
         table(("scene", "method", "setting: RMSE in time (field evaluations or fragments per ray)"), points),
     ]
     return "\n".join(parts)
 
 
-def _told() -> str:
+def _told(repetitions: int) -> str:
     """The conditions, in words."""
     driver = f" VTK on {vtk_driver()}." if has_vtk() else " VTK is not installed."
     return (
         "Frame times (with reading back, without the preparation) at which the RMSE of premultiplied linear RGBA "
         "against the float64 reference of the trilinear field is reached, between measured settings by straight lines "
         "in log-log, or with the cheapest setting that was drawn and errs less; medians of "
-        f"{REPETITIONS} frames in turn (3 of those above {SLOW:g} s). A method is swept from "
+        f"{repetitions} frames in turn (3 of those above {SLOW:g} s). A method is swept from "
         "coarse to fine until it errs less than the smallest of these or a frame takes more than "
         f"{STOP_SECONDS[SIZE]:g} s of all cores together; "
         "≤: already its coarsest setting is good enough; ∞: the other one does not get there, 0: the data-centric "
@@ -247,13 +247,16 @@ def main() -> None:
         "--only", default="", help="scenes whose name and size contain this, such as 'engine'"
     )
     parser.add_argument("--pictures", type=Path, help="instead keep a picture of every method, to look at")
+    parser.add_argument(
+        "--repetitions", type=int, default=REPETITIONS, help="frames of which the median counts, %(default)s"
+    )
     arguments = parser.parse_args()
     choice = {"quick": arguments.quick, "full": arguments.full, "only": arguments.only}
     if arguments.pictures:
         keep_pictures(arguments.pictures, **choice)
         return
     print(describe_machine())
-    print(report(**choice))
+    print(report(**choice, repetitions=arguments.repetitions))
 
 
 if __name__ == "__main__":

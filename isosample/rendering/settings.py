@@ -42,7 +42,10 @@ class BuildStage(enum.Enum):
 
 
 class ResolveStage(enum.Enum):
-    """Shader stage of the resolve pass; AUTO takes FRAGMENT on software renderers and COMPUTE on GPUs."""
+    """Shader stage of the resolve pass.
+
+    AUTO takes FRAGMENT on software renderers and COMPUTE on GPUs; for lists in slots (see `BuildStage`) always COMPUTE.
+    """
 
     AUTO = "auto"
     FRAGMENT = "fragment"
