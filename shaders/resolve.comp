@@ -17,7 +17,7 @@
 #error "EXTINCTION: 1 if any band has extinction, else 0"
 #endif
 #ifndef LEVEL_LIGHT
-#error "LEVEL_LIGHT: 1 if any level has an impulse or a sheet, else 0"
+#error "LEVEL_LIGHT: 2 if any level has a sheet, else 1 if any has an impulse, else 0"
 #endif
 
 #include "lib/layouts.glsl"

@@ -55,11 +55,12 @@ class DeviceScene:
             self._boundary = made.keep(_table(ctx, scene.boundary))
             self._made = made.pop_all()
         self.face_band, self.faces_seen = _faces(scene)
+        shown = np.any(scene.level_optics[..., 3] != 0, axis=0)  # whether there are impulses, and sheets
         # Of the resolve pass: what no pixel needs is not compiled.
         self.constants = {
             "SMOOTH_FACES": int(scene.face_kernel is not None),
             "EXTINCTION": int(np.any(scene.band_optics[..., 3] > 0)),
-            "LEVEL_LIGHT": int(np.any(scene.level_optics[..., 3] != 0)),
+            "LEVEL_LIGHT": 2 if shown[1] else int(shown[0]),
         }
 
     def bind(self) -> None:

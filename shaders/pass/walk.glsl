@@ -140,8 +140,10 @@ void composite_level(int level, float slope, uint normal) {
     if (here.impulse.a == 0.0 && here.sheet.a == 0.0) return;
     if (walk.distance < walk.visible_start || walk.distance > walk.visible_end) return;
     vec3 light = normal_between(normal, normal, 0.0);
+#if LEVEL_LIGHT > 1
     float sheet = opacity_from_depth(here.sheet.a / max(slope, LEAST_SHEET_SLOPE / frame.box_radius));
     composite(sheet * lit(here.sheet.rgb, light), sheet);
+#endif
     composite(here.impulse.a * lit(here.impulse.rgb, light), here.impulse.a);
 #endif
 }
