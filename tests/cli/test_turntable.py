@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("gl")
 VIEW = "--tf tf.json --size 24x16 --elevation 20"
 METHODS = ("data-centric", "post-classified", "pre-integrated", "peak-finding", "reference")
 ONCE = {
-    "data-centric": {"extractions": 1, "mesh_uploads": 1, "fragment_pools": 1},
+    "data-centric": {"extractions": 1, "mesh_uploads": 1},
     "post-classified": {"volume_uploads": 1},
     "pre-integrated": {"volume_uploads": 1},
     "peak-finding": {"volume_uploads": 1},
@@ -40,6 +40,8 @@ def test_a_frame_has_the_bits_of_the_picture_from_there(run: Run, method: str) -
         assert run(f"{source} --azimuth {10 + 90 * number} -o single.npy").status == 0
         np.testing.assert_array_equal(np.load(f"film-{number:03}.npy"), np.load("single.npy"))
     made = statistics()["turntable"]["made_once"]
+    # Of the lists' memory the first frame may ask for more as it finds out how long they are.
+    assert made.pop("fragment_pools", 0) <= 3
     assert {kind: number for kind, number in made.items() if kind != "programs_compiled"} == ONCE[method]
     assert statistics()["turntable"]["made_again"] == {}
     assert outcome.fields()["made again"] == "nothing"
