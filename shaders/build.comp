@@ -35,8 +35,8 @@
 #endif
 #include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
+#include "pass/interleaved.glsl"
 
-layout(local_size_x = 64) in;
 layout(std430, binding = BINDING_INDICES) readonly buffer Indices { uint indices[]; };
 layout(rg32f, binding = BINDING_PLACES) readonly uniform image2D places;
 layout(rgba32f, binding = BINDING_CORNERS) readonly uniform image2D corners;
@@ -97,7 +97,7 @@ void to_next_pixel(inout Scan scan, int last) {
 }
 
 void main() {
-    uint number = gl_GlobalInvocationID.x;
+    uint number = interleaved_invocation();
     if (number >= triangle_count) return;
     uint word = first_index + 3u * number;
     uvec3 vertex = uvec3(indices[word], indices[word + 1u], indices[word + 2u]);

@@ -37,8 +37,8 @@
 #include "lib/lit_segment.glsl"
 #include "pass/chain.glsl"
 #include "pass/slot_chain.glsl"
+#include "pass/interleaved.glsl"
 
-layout(local_size_x = 64) in;
 layout(rgba32f, binding = BINDING_IMAGE) writeonly uniform image2D image;
 layout(std430, binding = BINDING_PACKETS) buffer Packets { uint packets[]; };
 
@@ -46,10 +46,11 @@ uniform uint first_packet;                // in the buffer
 uniform uint packet_number;               // how many
 
 void main() {
-    uint number = gl_GlobalInvocationID.x / PACKET_PIXELS;
+    uint invocation = interleaved_invocation();
+    uint number = invocation / PACKET_PIXELS;
     if (number >= packet_number) return;
     uint packet = packets[first_packet + number];
-    uint place = gl_GlobalInvocationID.x % PACKET_PIXELS;
+    uint place = invocation % PACKET_PIXELS;
     ivec2 in_tile = packet_pixel(packet, place);
     if (any(greaterThanEqual(in_tile, frame.tile_size))) return;
     uint length = heads[pixel_number(in_tile)] + 1u;

@@ -10,6 +10,7 @@ from isosample.gl.context import limits
 from isosample.gl.memory import with_room
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.stage import MOST_GROUPS
 from isosample.rendering.supplies import storage_bindings
 from isosample.tally import POOLS, tally
 
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 # Classes of packets by their longest list, as in group_packets.comp: runs of so many crossings, and how many of them.
-CLASSES = ((8, 0), (8, 1), (16, 1), (16, 2), (16, 3), (16, 4))
-MOST_SLOT_GROUPS = 4  # of slots: what the last class takes
+CLASSES = ((8, 0), (8, 1), (16, 1), (16, 2), (16, 3), (16, 4), (16, 6))
+MOST_SLOT_GROUPS = 6  # of slots: what the last class takes
 CROSSING_BYTES, NORMAL_BYTES = 8, 4
-MOST_PIXELS = 65535 * 64  # of a tile: one call of a shader has a work group of 64 for all of them
+MOST_PIXELS = MOST_GROUPS * 64  # of a tile: one call of a shader has a work group of 64 for all of them
 WORD = 4  # bytes
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 

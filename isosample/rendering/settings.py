@@ -31,7 +31,7 @@ class BuildStage(enum.Enum):
     (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes each, of curved triangles 40, beside the mesh
     budget (`FrameStatistics.projected_bytes`).
     Where they rasterise, lists are in slots of their pixels (`FrameStatistics.slot_tiles`) as long as none is longer
-    than 64, if `stage` is AUTO, `sort_capacity` 64 or more, and the fragment budget has room for some rows of pixels;
+    than 96, if `stage` is AUTO, `sort_capacity` 96 or more, and the fragment budget has room for some rows of pixels;
     from the first longer list on, those of the picture are linked.
     AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
     """

@@ -8,6 +8,7 @@ from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants
+from isosample.rendering.stage import run_interleaved
 from isosample.rendering.supplies import slot_supply, spill_supply
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class SlotResolve:
                 continue
             program = shared.programs.compute(ENTRY, slot_supply(), **variants[taker])
             program["first_packet"], program["packet_number"] = first, count
-            program.run(-(-count * packet_pixels // WORK_GROUP))
+            run_interleaved(shared.ctx, program, -(-count * packet_pixels // WORK_GROUP))
         shared.ctx.memory_barrier()
         counters = shared.pool.counters()
         broken = int(counters["broken_chains"])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
-from isosample.gl.context import suits_compute
+from isosample.gl.context import is_software, suits_compute
 from isosample.rendering.settings import ResolveStage
 
 if TYPE_CHECKING:
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 WORK_GROUP = 8  # local size of the compute shaders
+MOST_THREADS = 32  # of llvmpipe
+MOST_GROUPS = 65535 - MOST_THREADS  # of one call along x: every OpenGL allows 65535
 
 
 def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
@@ -25,3 +28,19 @@ def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
 def work_groups(tile: Tile) -> tuple[int, int]:
     """Work groups along x and y that cover a tile."""
     return -(-tile.width // WORK_GROUP), -(-tile.height // WORK_GROUP)
+
+
+def run_interleaved(ctx: moderngl.Context, program: moderngl.ComputeShader, groups: int) -> None:
+    """Run work groups of a program with ``pass/interleaved.glsl`` such that neighbours go to different threads.
+
+    Parameters
+    ----------
+    ctx : moderngl.Context
+    program : moderngl.ComputeShader
+    groups : int
+        At most `MOST_GROUPS`; a few more are run, which the program has to pass over.
+    """
+    threads = min(os.cpu_count() or 1, MOST_THREADS) if is_software(ctx) else 1
+    each = -(-groups // threads)
+    program["thread_count"], program["groups_each"] = threads, each
+    program.run(each * threads)

@@ -28,6 +28,7 @@ NODES = {"nodes": "uimage2D"}
 TABLE = {"scene_table": "image2D"}  # bands and levels
 SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
+INTERLEAVED = {"thread_count": "uint", "groups_each": "uint"}
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
 
 
@@ -108,7 +109,7 @@ def raster_supply() -> Supply:
     uniforms = {"level": "uint", "first_index": "uint", "triangle_count": "uint", "slot_count": "uint"}
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals"),
-        uniforms=uniforms | PROJECTED | NODES | SLOTS,
+        uniforms=uniforms | INTERLEAVED | PROJECTED | NODES | SLOTS,
         optional=frozenset({"positions", "Residuals", "slot_count", *NODES, *SLOTS}),
     )
 
@@ -135,7 +136,7 @@ def slot_supply() -> Supply:
     """Of the resolve pass, lists in slots."""
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", "Boundary"),
-        uniforms={"first_packet": "uint", "packet_number": "uint"} | SLOTS | TABLE | IMAGE,
+        uniforms={"first_packet": "uint", "packet_number": "uint"} | INTERLEAVED | SLOTS | TABLE | IMAGE,
         optional=frozenset({"Boundary", *SLOTS, *TABLE}),
     )
 

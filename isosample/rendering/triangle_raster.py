@@ -18,6 +18,7 @@ from isosample.rendering.chunk_stream import VERTEX_DTYPE
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import INDEX_BYTES
 from isosample.rendering.settings import BuildStage
+from isosample.rendering.stage import MOST_GROUPS, run_interleaved
 from isosample.rendering.supplies import project_supply, raster_supply
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ Bool = npt.NDArray[np.bool_]
 
 WORK_GROUP = 64  # local size of both shaders
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
-MOST_GROUPS = 65535  # of one dispatch along x: what every OpenGL allows
 WINDOW_SLACK = 64  # invocations: a window may begin at so many items, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
@@ -188,8 +188,8 @@ class TriangleRaster:
             for start, groups in _dispatches(count // 3, most):
                 window = (first + 3 * start, 3 * min(count // 3 - start, WORK_GROUP * groups))
                 program["first_index"] = window[0] - batch.bind_indices(binding, *window)
-                program["triangle_count"] = count // 3 - start
-                program.run(groups)
+                program["triangle_count"] = min(count // 3 - start, WORK_GROUP * groups)
+                run_interleaved(self._shared.ctx, program, groups)
         self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
 
     def _most_at_once(self, item: int) -> int:

@@ -41,6 +41,12 @@ bool resolve_slots(ivec2 pixel, uint packet, uint place, uint length) {
 #if RUNS > 3
     load_slots(packet, place, uint(3 * RUN), length);
 #endif
+#if RUNS > 4
+    load_slots(packet, place, uint(4 * RUN), length);
+#endif
+#if RUNS > 5
+    load_slots(packet, place, uint(5 * RUN), length);
+#endif
     if (is_seen(inside) && !walk_chain(length, inside, face_values(origin, inside))) return false;
     count_list(length);
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);

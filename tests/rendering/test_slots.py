@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -96,7 +97,7 @@ def test_a_slot_holds_nothing_of_an_earlier_picture(gl: moderngl.Context) -> Non
     assert np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("count", [8, 9, 16, 17, 32, 33, 48, 49, 64])
+@pytest.mark.parametrize("count", [8, 9, 16, 17, 32, 33, 48, 49, 64, 65, 80, 81, 96])
 def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Context, count: int) -> None:
     scene, camera = layers(count, 0.05)
     told = assert_same(gl, scene, camera, (12, 10), SLOTTED)
@@ -244,7 +245,7 @@ def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Contex
     [
         replace(SLOTTED, build_stage=BuildStage.FRAGMENT),
         replace(SLOTTED, stage=ResolveStage.COMPUTE),
-        replace(SLOTTED, sort_capacity=63),
+        replace(SLOTTED, sort_capacity=95),
     ],
 )
 def test_what_asks_for_other_ways_gets_linked_lists(gl: moderngl.Context, look: RenderSettings) -> None:
@@ -258,7 +259,7 @@ def test_the_classes_are_those_of_the_shader() -> None:
     group = constants["SLOT_GROUP"]
     assert len(CLASSES) == constants["PACKET_CLASSES"]
     longest = [run * runs for run, runs in CLASSES]
-    assert longest == [0, group // 2, group, 2 * group, 3 * group, MOST_SLOT_GROUPS * group]
+    assert longest == [0, group // 2, *(n * group for n in (1, 2, 3, 4, MOST_SLOT_GROUPS))]
     assert constants["PACKET_PIXELS"] == constants["PACKET_WIDTH"] * constants["PACKET_HEIGHT"]
     assert mesh_batch.VERTEX_GAP >= mesh_batch.GAP
     assert packet_total(Tile(3, 5, 9, 3)) == 3 * 2
@@ -323,3 +324,17 @@ def test_a_picture_of_one_row_stays_what_it_was(gl: moderngl.Context) -> None:
         other, _ = abuffer.render(second, (9, 1), SLOTTED)
     assert not np.array_equal(other, kept)
     assert np.array_equal(one, kept)
+
+
+def test_for_how_many_threads_work_is_shared_out_changes_no_bit(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = clear_scene()
+    camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25)
+    pictures = []
+    for threads in (1, 2, 3, 7, 64):
+        monkeypatch.setattr(os, "cpu_count", lambda threads=threads: threads)
+        with ABuffer(gl, scene) as abuffer:
+            pictures.append(abuffer.render(camera, SIZE, SLOTTED)[0])
+    for picture in pictures[1:]:
+        assert np.array_equal(picture, pictures[0])
