@@ -26,7 +26,7 @@ class BuildStage(enum.Enum):
     """Shader stage that rasterises the surfaces.
 
     FRAGMENT is the graphics pipeline. COMPUTE are compute shaders, as long as all triangles in the picture lie in front
-    of the eye and each in a box of 64 pixels, and no cells are masked;
+    of the eye and each in a box of 120 pixels, and no cells are masked;
     else FRAGMENT takes its place, for the tile where that is found and those that follow it
     (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes each, of curved triangles 40, beside the mesh
     budget (`FrameStatistics.projected_bytes`).

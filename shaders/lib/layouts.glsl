@@ -64,8 +64,9 @@ const int PACKET_WIDTH = 4;              // pixels of a packet to the right,
 const int PACKET_HEIGHT = 2;             // and up: what llvmpipe shades at once
 const uint PACKET_PIXELS = 8u;           // in all
 const uint VERTEX_ROW = 4096u;           // vertices in a row of the images of the build pass by compute shaders
-const int LARGEST_TRIANGLE = 64;         // edge of the largest box around a triangle that these rasterise [pixel]: 2 (64 · 256)² fits 32 bits, and
-                                         // the loops of 8 triangles that llvmpipe runs at once, 2 · 65² + 8 · 66 turns at most, end before its 65535
+const int LARGEST_TRIANGLE = 120;        // edge of the largest box around a triangle that these rasterise [pixel]: edge functions reach
+                                         // 2 (121 · 256)² in it and a pixel beside it, which fits 32 bits, and the loops of 8 triangles that
+                                         // llvmpipe runs at once, 2 · 121² + 8 · 122 turns at most, end before its 65535
 const float NOT_IN_PICTURE = 1e30;       // in place of the x of a vertex that cannot be projected; y: 1 behind the eye, 0 too far aside
 const uint LEVEL_MASK = 0x7FFFu;         // low 15 bits of Node.surface: level index
 const uint RISING_BIT = 0x8000u;         // bit 15 of Node.surface: the value rises along the ray

@@ -382,3 +382,29 @@ def test_a_dispatch_never_exceeds_what_opengl_allows() -> None:
     assert triangle_raster._dispatches(0, most) == []
     assert triangle_raster._dispatches(65, most) == [(0, 2)]
     assert triangle_raster._dispatches(most + 1, most) == [(0, 65535), (most, 1)]
+
+
+def test_triangles_up_to_the_largest_cover_what_the_pipeline_covers(gl: moderngl.Context) -> None:
+    volume = nucleon(9)
+    scene = scene_of(volume, wide_tent(volume), per_slope=1)
+    camera = Camera.orbit(volume.box, azimuth=31.0, elevation=22.0, zoom=2)
+    size = (600, 550)
+    with ABuffer(gl, scene) as abuffer:
+        _, told = abuffer.render(camera, size, COMPUTE)
+        expected = abuffer.fragment_lists(camera, size, FRAGMENT)
+        found = abuffer.fragment_lists(camera, size, COMPUTE)
+    assert told.compute_tiles == 1
+    assert largest_triangle(scene, camera, size) > 100.0
+    np.testing.assert_array_equal(np.bincount(found.pixels), np.bincount(expected.pixels))
+
+
+def largest_triangle(scene: Scene, camera: Camera, size: tuple[int, int]) -> float:
+    """Edge of the largest box around a triangle of a parallel picture [pixel]."""
+    rays = camera.rays(size[0] / size[1])
+    away = scene.vertices["position"].astype(np.float64) + scene.geometry.box.centre - rays.eye
+    places = [
+        0.5 * pixels * (away @ span) / (span @ span)
+        for span, pixels in zip((rays.span_right, rays.span_up), size, strict=True)
+    ]
+    corners = [place[scene.indices.reshape(-1, 3)] for place in places]
+    return float(max(np.ptp(one, axis=1).max() for one in corners))
