@@ -51,8 +51,8 @@ uniform uint first_index;                 // in the storage block: of large buff
 uniform uint triangle_count;
 
 const int GRID = 1 << SUBPIXEL_BITS;      // steps of the grid to a pixel
-// Of where an edge cuts a row [pixel]: of at most 65 pixels, by a conversion, a reciprocal of 2.5 units in the last place and a
-// product, together 65 * 4 * 2^-23 = 3e-5.
+// Of where an edge cuts a row [pixel]: of at most 121 pixels, by a conversion, a reciprocal of 2.5 units in the last place and a
+// product, together 121 * 4 * 2^-23 = 6e-5.
 const float SLACK = 1e-3;
 
 ivec2 texel_of(uint vertex) { return ivec2(vertex % VERTEX_ROW, vertex / VERTEX_ROW); }

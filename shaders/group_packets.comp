@@ -30,7 +30,7 @@ void main() {
     uint group = longest <= SLOT_GROUP ? (longest + SLOT_GROUP / 2u - 1u) / (SLOT_GROUP / 2u) : 1u + (longest + SLOT_GROUP - 1u) / SLOT_GROUP;
     group = min(group, PACKET_CLASSES - 1u);  // longer lists are not resolved
     uint number = atomicAdd(packets[group], 1u);
-    packets[PACKET_CLASSES + group * packet_total() + number] = packet;
+    packets[class_start(group) + number] = packet;
     if (sum == 0u) return;
     atomicAdd(counters.node_count, sum);
     atomicMax(counters.max_depth_complexity, longest);

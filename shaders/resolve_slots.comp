@@ -60,7 +60,7 @@ void main() {
         heads[pixel_number(in_tile)] = LIST_DONE;
     } else {
         uint broken = atomicAdd(counters.broken_chains, 1u);
-        packets[PACKET_CLASSES * (1u + packet_total()) + broken] = pixel_number(in_tile);
+        packets[broken_start() + broken] = pixel_number(in_tile);
         atomicAdd(counters.broken_nodes, length);
     }
 }

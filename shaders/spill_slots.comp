@@ -19,7 +19,7 @@ layout(std430, binding = BINDING_PACKETS) readonly buffer Packets { uint packets
 
 void main() {
     if (gl_GlobalInvocationID.x >= counters.broken_chains) return;
-    uint pixel = packets[PACKET_CLASSES * (1u + packet_total()) + gl_GlobalInvocationID.x];
+    uint pixel = packets[broken_start() + gl_GlobalInvocationID.x];
     uint length = heads[pixel] + 1u;
     if (length == 0u) return;             // an empty list is one already
     ivec2 in_tile = ivec2(pixel % uint(frame.tile_size.x), pixel / uint(frame.tile_size.x));

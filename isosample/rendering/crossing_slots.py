@@ -10,7 +10,7 @@ from isosample.gl.context import limits
 from isosample.gl.memory import with_room
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants, storage_dtype
-from isosample.rendering.stage import MOST_GROUPS
+from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS
 from isosample.rendering.supplies import storage_bindings
 from isosample.tally import POOLS, tally
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 # Classes of packets by their longest list, as in group_packets.comp: runs of so many crossings, and how many of them.
 CLASSES = ((8, 0), (8, 1), (16, 1), (16, 2), (16, 3), (16, 4), (16, 6))
-MOST_SLOT_GROUPS = 6  # of slots: what the last class takes
+MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
 CROSSING_BYTES, NORMAL_BYTES = 8, 4
-MOST_PIXELS = MOST_GROUPS * 64  # of a tile: one call of a shader has a work group of 64 for all of them
+MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them
 WORD = 4  # bytes
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 

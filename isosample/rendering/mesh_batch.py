@@ -110,10 +110,9 @@ class Batch:
     def vertex_runs(self, shown: Bool) -> tuple[I64, I64]:
         """First vertices and counts of what `shown` pieces have, and little else; `shown` as for `draw`."""
         kept = shown[self.rows]
-        first = np.sort(self._vertex_starts[kept])
-        stop = (self._vertex_starts + self._vertex_counts)[kept][
-            np.argsort(self._vertex_starts[kept], kind="stable")
-        ]
+        starts, counts = self._vertex_starts[kept], self._vertex_counts[kept]
+        order = np.argsort(starts, kind="stable")
+        first, stop = starts[order], (starts + counts)[order]
         if len(first) == 0:
             return first, first
         reached = np.maximum.accumulate(stop)

@@ -58,7 +58,7 @@ class PictureTarget:
     def fill(self, tile: Tile, program: Program) -> None:
         """Run a program once for every pixel of a tile."""
         if isinstance(program, moderngl.ComputeShader):
-            self._pixels.texture.bind_to_image(shared_constants()["BINDING_IMAGE"], read=False, write=True)
+            self.bind()
             program.run(*work_groups(tile))
             return
         screen = self._ctx.vertex_array(program, [])

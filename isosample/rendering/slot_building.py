@@ -9,6 +9,7 @@ from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import MOST_SLOT_GROUPS, packet_total, slot_bytes
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import ResolveStage
+from isosample.rendering.stage import line_groups
 from isosample.rendering.supplies import group_supply
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from isosample.rendering.picture_frame import PictureFrame, PictureFrames
     from isosample.rendering.tiles import Tile
     from isosample.rendering.triangle_raster import TriangleRaster
-
-WORK_GROUP = 64  # local size of group_packets.comp
 
 
 class SlotBuilder:
@@ -87,8 +86,8 @@ class SlotBuilder:
             frame.unsuited = not self._raster.build(frame, passes, slots=self._groups * self._group)
             if not frame.unsuited:
                 shared.slots.bind()  # the residuals had the place of the packets
-                groups = -(-packet_total(tile) // WORK_GROUP)
-                shared.programs.compute("group_packets.comp", group_supply()).run(groups)
+                program = shared.programs.compute("group_packets.comp", group_supply())
+                program.run(line_groups(packet_total(tile)))
                 shared.ctx.memory_barrier()
             counters = shared.pool.counters()
             frame.unsuited |= int(counters["unsuited"]) > 0

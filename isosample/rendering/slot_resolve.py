@@ -8,7 +8,7 @@ from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants
-from isosample.rendering.stage import run_interleaved
+from isosample.rendering.stage import line_groups, run_interleaved
 from isosample.rendering.supplies import slot_supply, spill_supply
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 ENTRY = "resolve_slots.comp"
-WORK_GROUP = 64  # local size of both shaders
 FEW = 1.0 / 16.0  # of all packets with crossings
 LEAST_NODES = 1 << 14  # of the pool, so that it does not grow by a few nodes from picture to picture
 
@@ -94,7 +93,7 @@ class SlotResolve:
                 continue
             program = shared.programs.compute(ENTRY, slot_supply(), **variants[taker])
             program["first_packet"], program["packet_number"] = first, count
-            run_interleaved(shared.ctx, program, -(-count * packet_pixels // WORK_GROUP))
+            run_interleaved(shared.ctx, program, line_groups(count * packet_pixels))
         shared.ctx.memory_barrier()
         counters = shared.pool.counters()
         broken = int(counters["broken_chains"])
@@ -114,5 +113,5 @@ class SlotResolve:
             )
         shared.bind(tile, frame)
         program = shared.programs.compute("spill_slots.comp", spill_supply(), SHADING=frame.shading)
-        program.run(-(-lists // WORK_GROUP))
+        program.run(line_groups(lists))
         shared.ctx.memory_barrier()

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
     from isosample.rendering.tiles import Tile
 
-WORK_GROUP = 8  # local size of the compute shaders
+WORK_GROUP = 8  # local size of the compute shaders over pixels, along x and y
+LINE_GROUP = 64  # and of those over triangles, vertices, packets or lists
 MOST_THREADS = 32  # of llvmpipe
 MOST_GROUPS = 65535 - MOST_THREADS  # of one call along x: every OpenGL allows 65535
 
@@ -28,6 +29,11 @@ def resolve_stage(ctx: moderngl.Context, asked: ResolveStage) -> ResolveStage:
 def work_groups(tile: Tile) -> tuple[int, int]:
     """Work groups along x and y that cover a tile."""
     return -(-tile.width // WORK_GROUP), -(-tile.height // WORK_GROUP)
+
+
+def line_groups(count: int) -> int:
+    """Work groups that so many invocations along a line take."""
+    return -(-count // LINE_GROUP)
 
 
 def run_interleaved(ctx: moderngl.Context, program: moderngl.ComputeShader, groups: int) -> None:

@@ -18,7 +18,7 @@ from isosample.rendering.chunk_stream import VERTEX_DTYPE
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import INDEX_BYTES
 from isosample.rendering.settings import BuildStage
-from isosample.rendering.stage import MOST_GROUPS, run_interleaved
+from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS, line_groups, run_interleaved
 from isosample.rendering.supplies import project_supply, raster_supply
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 Bool = npt.NDArray[np.bool_]
 
-WORK_GROUP = 64  # local size of both shaders
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
 WINDOW_SLACK = 64  # invocations: a window may begin at so many items, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
@@ -165,7 +164,7 @@ class TriangleRaster:
             program["vertex_count"] = start + count
             for first, groups in _dispatches(count, most):
                 program["first_vertex"] = start + first
-                window = (start + first, min(count - first, WORK_GROUP * groups))
+                window = (start + first, min(count - first, LINE_GROUP * groups))
                 program["window_vertex"] = batch.bind_vertices(binding, *window)
                 program.run(groups)
         self._shared.ctx.memory_barrier()
@@ -186,16 +185,16 @@ class TriangleRaster:
         for level, first, count in zip(*(run.tolist() for run in batch.runs(shown)), strict=True):
             program["level"] = level
             for start, groups in _dispatches(count // 3, most):
-                window = (first + 3 * start, 3 * min(count // 3 - start, WORK_GROUP * groups))
+                window = (first + 3 * start, 3 * min(count // 3 - start, LINE_GROUP * groups))
                 program["first_index"] = window[0] - batch.bind_indices(binding, *window)
-                program["triangle_count"] = min(count // 3 - start, WORK_GROUP * groups)
+                program["triangle_count"] = min(count // 3 - start, LINE_GROUP * groups)
                 run_interleaved(self._shared.ctx, program, groups)
         self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
 
     def _most_at_once(self, item: int) -> int:
         """Invocations of one call, each of which reads `item` bytes: as many as groups and a storage block allow."""
         readable = limits(self._shared.ctx).storage_block_bytes // item
-        return min(MOST_GROUPS * WORK_GROUP, readable // WORK_GROUP * WORK_GROUP - WINDOW_SLACK)
+        return min(MOST_GROUPS * LINE_GROUP, readable // LINE_GROUP * LINE_GROUP - WINDOW_SLACK)
 
     def _bind_images(self) -> None:
         for name, image in self._images.items():
@@ -204,4 +203,4 @@ class TriangleRaster:
 
 def _dispatches(count: int, most: int) -> list[tuple[int, int]]:
     """First invocation and work groups of each of the calls that `count` invocations take, `most` at a time."""
-    return [(first, -(-min(count - first, most) // WORK_GROUP)) for first in range(0, count, most)]
+    return [(first, line_groups(min(count - first, most))) for first in range(0, count, most)]

@@ -19,3 +19,8 @@ uint packet_of(ivec2 in_tile) {
 uint place_of(ivec2 in_tile) {
     return uint(in_tile.y % PACKET_HEIGHT) * uint(PACKET_WIDTH) + uint(in_tile.x % PACKET_WIDTH);
 }
+
+// Where in their buffer the packets of a class are, and the pixels whose lists are no chains.
+uint class_start(uint number) { return PACKET_CLASSES + number * packet_total(); }
+
+uint broken_start() { return class_start(PACKET_CLASSES); }

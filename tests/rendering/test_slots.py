@@ -54,6 +54,17 @@ def assert_same(
     return told
 
 
+def along_the_layers() -> Camera:
+    """A camera whose rays meet none of the planes of `layers`."""
+    return Camera(
+        projection=Projection.ORTHOGRAPHIC,
+        eye=(3.0, 0.5, 0.5),
+        target=(0.5, 0.5, 0.5),
+        up=(0.0, 0.0, 1.0),
+        height=0.5,
+    )
+
+
 @pytest.mark.parametrize("kind", ["orthographic", "perspective"])
 @pytest.mark.parametrize("name", VOLUMES)
 def test_slots_give_the_picture_of_linked_lists(gl: moderngl.Context, name: str, kind: str) -> None:
@@ -107,13 +118,7 @@ def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Conte
 def test_longer_lists_are_linked_until_they_are_shorter_again(gl: moderngl.Context) -> None:
     most = MOST_SLOT_GROUPS * shared_constants()["SLOT_GROUP"]
     scene, along = layers(most + 1, 0.05)
-    across = Camera(
-        projection=Projection.ORTHOGRAPHIC,
-        eye=(3.0, 0.5, 0.5),
-        target=(0.5, 0.5, 0.5),
-        up=(0.0, 0.0, 1.0),
-        height=0.5,
-    )  # along the planes: no ray meets one
+    across = along_the_layers()
     assert_same(gl, scene, along, (12, 10), SLOTTED)
     with ABuffer(gl, scene) as abuffer:
         told = [
@@ -207,13 +212,7 @@ def test_the_rest_of_a_picture_is_linked_from_the_first_longer_list_on(gl: moder
 
 def test_as_many_slots_are_begun_with_as_the_picture_before_needed(gl: moderngl.Context) -> None:
     scene, along = layers(50, 0.05)
-    across = Camera(
-        projection=Projection.ORTHOGRAPHIC,
-        eye=(3.0, 0.5, 0.5),
-        target=(0.5, 0.5, 0.5),
-        up=(0.0, 0.0, 1.0),
-        height=0.5,
-    )
+    across = along_the_layers()
     tight = replace(SLOTTED, fragment_budget_bytes=1 << 20)
     with ABuffer(gl, scene) as abuffer:
         tiles = [
