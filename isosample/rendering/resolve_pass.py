@@ -66,8 +66,7 @@ class ResolvePass:
 
     def _resolve_slots(self, tile: Tile, frame: PictureFrame) -> None:
         """Resolve the lists in slots."""
-        broken = self._slots.resolve(tile, frame, self._constants(frame))
-        if broken and self._resolve_balanced(tile, frame, broken):
+        if self._slots.resolve(tile, frame, self._constants(frame)):
             self._resolve_rest(tile, frame, first=False)
 
     def _resolve_chains(self, tile: Tile, frame: PictureFrame) -> bool:
@@ -128,7 +127,9 @@ class ResolvePass:
             else:
                 self._target.fill_blocks(tile, program, shared_constants()["RESOLVE_BLOCK"])
         else:
-            self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", supply, **constants))
+            listed = {"LISTED": 0} if entry == "resolve_balanced" else {}
+            compute = self._shared.programs.compute(f"{entry}.comp", supply, **listed, **constants)
+            self._target.fill(tile, compute)
         self._shared.ctx.memory_barrier()
 
     def _taken(self, entry: str, frame: PictureFrame) -> int:

@@ -1,4 +1,4 @@
-"""The resolve pass of lists in slots: chains, by packets of pixels; the other lists become linked ones."""
+"""The resolve pass of lists in slots: chains, by packets of pixels; the other lists become linked ones first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from isosample.rendering.crossing_slots import CLASSES
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.stage import line_groups, run_interleaved
-from isosample.rendering.supplies import slot_supply, spill_supply
+from isosample.rendering.supplies import listed_supply, slot_supply, spill_supply
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ class SlotResolve:
         self._target = target
 
     def resolve(self, tile: Tile, frame: PictureFrame, constants: dict[str, int]) -> int:
-        """Resolve the chains of a tile; return how many other lists there are, which then are linked ones.
+        """Resolve the lists of a tile that are chains or balanced; return how many others there are, now linked ones.
 
         Parameters
         ----------
@@ -97,9 +97,14 @@ class SlotResolve:
         shared.ctx.memory_barrier()
         counters = shared.pool.counters()
         broken = int(counters["broken_chains"])
-        if broken:
-            self._spill(tile, frame, broken, int(counters["broken_nodes"]))
-        return broken
+        if broken == 0:
+            return 0
+        self._spill(tile, frame, broken, int(counters["broken_nodes"]))
+        run, runs = CLASSES[-1]
+        variant = {"LISTED": 1, "RUN": run, "RUNS": runs, **constants}
+        shared.programs.compute("resolve_balanced.comp", listed_supply(), **variant).run(line_groups(broken))
+        shared.ctx.memory_barrier()
+        return broken - int(shared.pool.counters()["balanced_lists"])
 
     def _spill(self, tile: Tile, frame: PictureFrame, lists: int, nodes: int) -> None:
         """Make linked lists of those that are no chains."""

@@ -152,6 +152,16 @@ def spill_supply() -> Supply:
 
 
 @cache
+def listed_supply() -> Supply:
+    """Of the part of the resolve pass that takes the pixels which these have noted."""
+    return Supply(
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", "Boundary"),
+        uniforms=NODES | TABLE | IMAGE,
+        optional=frozenset(TABLE),
+    )
+
+
+@cache
 def merge_supply() -> Supply:
     """Of the pass that sorts long lists."""
     return Supply(blocks=blocks("FrameBlock", "Heads"), uniforms={"run": "uint"} | NODES)
