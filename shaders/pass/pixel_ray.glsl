@@ -19,13 +19,20 @@ vec3 pixel_offset(ivec2 pixel) {
 }
 
 // What of the distances `shown` is on the kept side of every clip plane; ends before it begins where nothing is.
+//   The loop ends with its condition, and its counter is no index as it is: else Mesa unrolls it to all the planes that there is
+// room for, and software renderers execute that for every ray, also where there are none.
 vec2 cut_by_planes(vec2 shown, vec3 origin, vec3 direction) {
-    for (int i = 0; i < frame.clip_plane_count; ++i) {
-        float at_origin = dot(frame.clip_planes[i].xyz, origin) + frame.clip_planes[i].w;
-        float along = dot(frame.clip_planes[i].xyz, direction);
-        if (along == 0.0) { if (at_origin < 0.0) shown.y = -1e30; }
-        else if (along > 0.0) shown.x = max(shown.x, -at_origin / along);
-        else shown.y = min(shown.y, -at_origin / along);
-    }
+    int i = 0;
+    do {
+        vec4 plane = frame.clip_planes[min(i, MAX_CLIP_PLANES - 1)];
+        float at_origin = dot(plane.xyz, origin) + plane.w;
+        float along = dot(plane.xyz, direction);
+        float cut = -at_origin / along;
+        bool counts = i < frame.clip_plane_count;
+        if (counts && along == 0.0 && at_origin < 0.0) shown.y = -1e30;
+        if (counts && along > 0.0) shown.x = max(shown.x, cut);
+        if (counts && along < 0.0) shown.y = min(shown.y, cut);
+        ++i;
+    } while (i < frame.clip_plane_count);
     return shown;
 }
