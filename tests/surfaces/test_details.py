@@ -19,6 +19,7 @@ from isosample.surfaces.collapse_kernels import collapse
 from isosample.surfaces.detail import (
     FEWEST_TRIANGLES,
     MOST_DETAILS,
+    ORDERED,
     coarsened,
     detail_tolerance,
 )
@@ -167,6 +168,16 @@ def test_vertices_are_some_of_the_finest_ones_bit_for_bit(detail: int) -> None:
     for mesh in extracted(blobs(), 0.4, detail).meshes:
         assert np.isin(vertex_rows(mesh), vertex_rows(fine[mesh.brick])).all()
         assert len(np.unique(mesh.triangles)) == len(mesh.positions) < len(fine[mesh.brick].positions)
+
+
+def test_triangles_stand_in_the_order_of_their_size_block_by_block() -> None:
+    (mesh,) = extract_surfaces(blobs(), [0.4], detail=1).meshes
+    corners = mesh.positions.astype(np.float64)[mesh.triangles]
+    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    assert len(doubled) > 2 * ORDERED
+    falls = np.flatnonzero(np.diff(doubled) < -1e-4)  # positions are float32 multiples of 2^-19 voxel
+    assert np.all((falls + 1) % ORDERED == 0)
+    assert len(falls) > 0  # blocks, not the whole mesh
 
 
 @pytest.mark.parametrize("detail", DETAILS)
