@@ -17,7 +17,7 @@ from isosample.errors import InputError
 from isosample.wording import about_unknown_keys
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from isosample.volume.geometry import Box
 
@@ -199,18 +199,16 @@ class Camera:
 
     def rays(self, aspect: float) -> Rays:
         """Rays of this camera for a picture of width / height = `aspect`."""
-        eye = np.asarray(self.eye)
-        view = np.asarray(self.target) - eye
-        forward = view / np.linalg.norm(view)
-        right = np.cross(forward, self.up)
-        right /= np.linalg.norm(right)
-        up = np.cross(right, forward)
+        # In Python's own numbers: NumPy takes ten times as long for three of them.
+        forward = _unit([target - eye for target, eye in zip(self.target, self.eye, strict=True)])
+        right = _unit(_cross(forward, self.up))
+        up = _cross(right, forward)
         half = self._half_height()
         return Rays(
-            eye=eye,
-            forward=forward,
-            span_right=half * aspect * right,
-            span_up=half * up,
+            eye=np.array(self.eye),
+            forward=np.array(forward),
+            span_right=half * aspect * np.array(right),
+            span_up=half * np.array(up),
             perspective=self.projection is Projection.PERSPECTIVE,
         )
 
@@ -283,6 +281,15 @@ def _orbit_frame(azimuth: float, elevation: float) -> tuple[F64, F64]:
     sin_a, cos_a = math.sin(azimuth), math.cos(azimuth)
     sin_e, cos_e = math.sin(elevation), math.cos(elevation)
     return np.array([sin_a * cos_e, sin_e, cos_a * cos_e]), np.array([-sin_a * sin_e, cos_e, -cos_a * sin_e])
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)]
+
+
+def _unit(vector: Sequence[float]) -> list[float]:
+    length = math.hypot(*vector)
+    return [part / length for part in vector]
 
 
 def _vector(values: object, what: str) -> Vector:

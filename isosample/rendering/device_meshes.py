@@ -55,6 +55,7 @@ class DeviceMeshes:
         self.chunks = scene.chunks()
         self._scene = scene
         self._source = source_of(scene)
+        self._sizes, self._index_counts = bytes_of(self.chunks), self.chunks["index_count"].copy()
         self._resident: Batch | None = None
         self.uploads = Uploads()
 
@@ -142,9 +143,9 @@ class DeviceMeshes:
         return self._resident
 
     def _fits(self, wanted: Bool, residual: int | None, budget_bytes: int) -> bool:
-        chunks = self.chunks[wanted]
-        indices = int(chunks["index_count"].sum())
-        return int(bytes_of(chunks, residual).sum()) <= budget_bytes and indices <= LARGEST_DRAW
+        sizes = self._sizes if residual is None else bytes_of(self.chunks, residual)
+        indices = int(self._index_counts[wanted].sum())
+        return int(sizes[wanted].sum()) <= budget_bytes and indices <= LARGEST_DRAW
 
     def _held(self, residual: int | None) -> Bool:
         """(C,) whether a piece is on the GPU, with that column of the residuals."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from isosample.defaults import DATA_CENTRIC, DEFAULT_MAX_ISOVALUES, DEFAULT_SIZE
@@ -267,7 +267,7 @@ def statistics_of(
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """What a picture cost and what was skipped, JSON-ready; see README, "Statistics"."""
-    counts = asdict(frame)
+    counts = {one.name: getattr(frame, one.name) for one in fields(frame)}
     extraction = surfaces.statistics
     pixels = size[0] * size[1]
     return {

@@ -30,22 +30,28 @@ class Box:
         Row `a` is the edge along index axis `a` (x, y, z), from the first to the last sample.
     patient_axes : bool
         As of `GridGeometry`.
+    centre : (3,) float64
+        The middle of the box [world].
+    radius : float
+        Of the bounding sphere about the centre [world].
     """
 
     corner: F64
     edges: F64
     patient_axes: bool = False
+    centre: F64 = field(init=False, repr=False)
+    radius: float = field(init=False, repr=False)
 
-    @property
-    def centre(self) -> F64:
-        """(3,) float64, the middle of the box [world]."""
-        middle: F64 = self.corner + 0.5 * self.edges.sum(axis=0)
-        return middle
-
-    @property
-    def radius(self) -> float:
-        """Radius of the bounding sphere about the centre [world]."""
-        return float(np.linalg.norm(self.corners() - self.centre, axis=1).max())
+    def __post_init__(self) -> None:
+        corner, edges = np.array(self.corner, dtype=np.float64), np.array(self.edges, dtype=np.float64)
+        for name, array in (
+            ("corner", corner),
+            ("edges", edges),
+            ("centre", corner + 0.5 * edges.sum(axis=0)),
+        ):
+            array.flags.writeable = False  # all who ask a geometry for its box get the same one
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "radius", float(np.linalg.norm(self.corners() - self.centre, axis=1).max()))
 
     def corners(self) -> F64:
         """(8, 3) float64, the corners [world]; bit `a` of the row number selects the far end of edge `a`."""
@@ -71,6 +77,11 @@ class GridGeometry:
     patient_axes : bool
         Whether the world's axes are a patient's: x to the left, y to the back, z to the head (LPS).
 
+    Attributes
+    ----------
+    box : Box
+        The oriented box from the first to the last sample [world].
+
     Raises
     ------
     InputError
@@ -82,6 +93,7 @@ class GridGeometry:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     direction: F64 = field(default_factory=lambda: np.eye(3))
     patient_axes: bool = False
+    box: Box = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         size = _three_floats(self.size_xyz, "size_xyz")
@@ -95,6 +107,8 @@ class GridGeometry:
             raise InputError(
                 f"spacing {self.spacing} must be > 0 along every axis; use origin and direction to flip."
             )
+        x, y, z = (count - 1 for count in self.size_xyz)
+        object.__setattr__(self, "box", self.box_of((0, 0, 0), (x, y, z)))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GridGeometry) and self.to_dict() == other.to_dict()
@@ -121,12 +135,6 @@ class GridGeometry:
         """Whether the axes x, y, z of the samples are a left-handed system in world space."""
         (a, b, c), (d, e, f), (g, h, i) = self.direction.tolist()
         return bool(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0)
-
-    @property
-    def box(self) -> Box:
-        """The oriented box from the first to the last sample [world]."""
-        x, y, z = (count - 1 for count in self.size_xyz)
-        return self.box_of((0, 0, 0), (x, y, z))
 
     def box_of(self, first: tuple[int, int, int], last: tuple[int, int, int]) -> Box:
         """The oriented box between two samples (x, y, z) of the grid [world]."""
