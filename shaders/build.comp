@@ -33,9 +33,11 @@
 #else
 #include "pass/append_node.glsl"
 #endif
+uint level;
 #include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
 #include "pass/interleaved.glsl"
+#include "pass/shares.glsl"
 
 layout(std430, binding = BINDING_INDICES) readonly buffer Indices { uint indices[]; };
 layout(rg32f, binding = BINDING_PLACES) readonly uniform image2D places;
@@ -46,9 +48,6 @@ layout(rgba32f, binding = BINDING_POSITIONS) readonly uniform image2D positions;
 #if RESIDUAL
 layout(std430, binding = BINDING_RESIDUALS) readonly buffer Residuals { float residuals[]; };
 #endif
-
-uniform uint first_index;                 // in the storage block: of large buffers it shows a part
-uniform uint triangle_count;
 
 const int GRID = 1 << SUBPIXEL_BITS;      // steps of the grid to a pixel
 // Of where an edge cuts a row [pixel]: of at most 121 pixels, by a conversion, a reciprocal of 2.5 units in the last place and a
@@ -97,9 +96,10 @@ void to_next_pixel(inout Scan scan, int last) {
 }
 
 void main() {
-    uint number = interleaved_invocation();
-    if (number >= triangle_count) return;
-    uint word = first_index + 3u * number;
+    Share share = this_share();
+    if (gl_LocalInvocationID.x >= share.count) return;
+    level = share.level;
+    uint word = 3u * (share.first + gl_LocalInvocationID.x) - first_item;
     uvec3 vertex = uvec3(indices[word], indices[word + 1u], indices[word + 2u]);
     vec2 place_0 = imageLoad(places, texel_of(vertex.x)).xy;
     vec2 place_1 = imageLoad(places, texel_of(vertex.y)).xy;

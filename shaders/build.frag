@@ -21,6 +21,7 @@
 #include "lib/curved.glsl"
 #include "pass/build_lists.glsl"
 #include "pass/append_node.glsl"
+uniform uint level;
 #include "pass/crossing.glsl"
 #include "pass/edge_on.glsl"
 

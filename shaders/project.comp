@@ -7,7 +7,6 @@
 
 #include "lib/layouts.glsl"
 
-layout(local_size_x = 64) in;
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
 layout(std430, binding = BINDING_VERTICES) readonly buffer Vertices { float vertices[]; };   // position, gradient
 layout(rg32f, binding = BINDING_PLACES) writeonly uniform image2D places;
@@ -16,16 +15,16 @@ layout(rgba32f, binding = BINDING_CORNERS) writeonly uniform image2D corners;
 layout(rgba32f, binding = BINDING_POSITIONS) writeonly uniform image2D positions;
 #endif
 
-uniform uint vertex_count;                // of the meshes, up to the last of these
-uniform uint first_vertex;
-uniform uint window_vertex;               // first vertex in the storage block: of large buffers it shows a part
+#include "pass/interleaved.glsl"
+#include "pass/shares.glsl"
 
 const float FARTHEST = 4194304.0;         // [pixel]: beyond, 1/256 of a pixel times 2^31 is near
 
 void main() {
-    uint number = first_vertex + gl_GlobalInvocationID.x;
-    if (number >= vertex_count) return;
-    uint word = 6u * (number - window_vertex);
+    Share share = this_share();
+    if (gl_LocalInvocationID.x >= share.count) return;
+    uint number = share.first + gl_LocalInvocationID.x;
+    uint word = 6u * (number - first_item);
     vec3 position = vec3(vertices[word], vertices[word + 1u], vertices[word + 2u]);
     vec3 gradient = vec3(vertices[word + 3u], vertices[word + 4u], vertices[word + 5u]);
     vec3 from_eye = position - frame.eye;

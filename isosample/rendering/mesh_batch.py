@@ -19,9 +19,7 @@ Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
-# Vertices of ruled out pieces that are projected along rather than beginning another call; GAP at least, as what is
-# drawn along is projected.
-VERTEX_GAP = 4096
+VERTEX_GAP = 64  # vertices of ruled out pieces that are projected along: a work group takes so many at once
 INDEX_BYTES = 4
 OFFSET_ALIGNMENT = (
     256  # [byte] of what is bound to a storage block: the most that OpenGL allows a driver to ask for
@@ -74,7 +72,7 @@ class Batch:
         shown : (C,) bool
             Which pieces of the scene are to be drawn; of those here, neighbours may be drawn along.
         """
-        levels, first, count = self.runs(shown)
+        levels, first, count = self.runs(shown, largest_gap=self._gap)
         if len(first) == 0:
             return
         vertex_array = self._vertex_array(program)
@@ -102,10 +100,10 @@ class Batch:
         """Of the residuals; 0 where there are none."""
         return 0 if self._residuals is None else int(self._residuals.size)
 
-    def runs(self, shown: Bool) -> tuple[I64, I64, I64]:
+    def runs(self, shown: Bool, *, largest_gap: int = 0) -> tuple[I64, I64, I64]:
         """Levels, first indices and counts of the draws that show pieces; `shown` as for `draw`."""
         kept = shown[self.rows]
-        return runs(self._levels[kept], self._starts[kept], self._counts[kept], self._gap)
+        return runs(self._levels[kept], self._starts[kept], self._counts[kept], largest_gap)
 
     def vertex_runs(self, shown: Bool) -> tuple[I64, I64]:
         """First vertices and counts of what `shown` pieces have, and little else; `shown` as for `draw`."""

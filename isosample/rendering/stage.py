@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from typing import TYPE_CHECKING
 
 from isosample.gl.context import is_software, suits_compute
@@ -36,6 +37,12 @@ def line_groups(count: int) -> int:
     return -(-count // LINE_GROUP)
 
 
+@cache
+def processors() -> int:
+    """Threads of a software renderer."""
+    return min(os.cpu_count() or 1, MOST_THREADS)
+
+
 def run_interleaved(ctx: moderngl.Context, program: moderngl.ComputeShader, groups: int) -> None:
     """Run work groups of a program with ``pass/interleaved.glsl`` such that neighbours go to different threads.
 
@@ -46,7 +53,7 @@ def run_interleaved(ctx: moderngl.Context, program: moderngl.ComputeShader, grou
     groups : int
         At most `MOST_GROUPS`; a few more are run, which the program has to pass over.
     """
-    threads = min(os.cpu_count() or 1, MOST_THREADS) if is_software(ctx) else 1
+    threads = processors() if is_software(ctx) else 1
     each = -(-groups // threads)
     program["thread_count"], program["groups_each"] = threads, each
     program.run(each * threads)

@@ -22,6 +22,7 @@ STORAGE_BLOCKS = {
     "Indices": "INDICES",
     "Residuals": "RESIDUALS",
     "Packets": "PACKETS",
+    "Shares": "SHARES",
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
 NODES = {"nodes": "uimage2D"}
@@ -29,6 +30,7 @@ TABLE = {"scene_table": "image2D"}  # bands and levels
 SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 INTERLEAVED = {"thread_count": "uint", "groups_each": "uint"}
+SHARED_OUT = {"first_share": "uint", "share_count": "uint", "first_item": "uint"} | INTERLEAVED
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
 
 
@@ -97,8 +99,8 @@ def mask_supply() -> Supply:
 def project_supply() -> Supply:
     """Of the build pass by compute shaders: vertices."""
     return Supply(
-        blocks=blocks("FrameBlock", "Vertices"),
-        uniforms={"vertex_count": "uint", "first_vertex": "uint", "window_vertex": "uint", **PROJECTED},
+        blocks=blocks("FrameBlock", "Vertices", "Shares"),
+        uniforms=SHARED_OUT | PROJECTED,
         optional=frozenset({"positions"}),
     )
 
@@ -106,10 +108,9 @@ def project_supply() -> Supply:
 @cache
 def raster_supply() -> Supply:
     """Of the build pass by compute shaders: triangles."""
-    uniforms = {"level": "uint", "first_index": "uint", "triangle_count": "uint", "slot_count": "uint"}
     return Supply(
-        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals"),
-        uniforms=uniforms | INTERLEAVED | PROJECTED | NODES | SLOTS,
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals", "Shares"),
+        uniforms={"slot_count": "uint"} | SHARED_OUT | PROJECTED | NODES | SLOTS,
         optional=frozenset({"positions", "Residuals", "slot_count", *NODES, *SLOTS}),
     )
 

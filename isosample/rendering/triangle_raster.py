@@ -16,9 +16,10 @@ from isosample.gl.context import is_software, limits
 from isosample.gl.memory import with_room
 from isosample.rendering.chunk_stream import VERTEX_DTYPE
 from isosample.rendering.frame import shared_constants
+from isosample.rendering.group_shares import GroupShares
 from isosample.rendering.mesh_batch import INDEX_BYTES
 from isosample.rendering.settings import BuildStage
-from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS, line_groups, run_interleaved
+from isosample.rendering.stage import run_interleaved
 from isosample.rendering.supplies import project_supply, raster_supply
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from isosample.rendering.culling import Pass
+    from isosample.rendering.group_shares import Call
     from isosample.rendering.mesh_batch import Batch
     from isosample.rendering.pass_resources import PassResources
     from isosample.rendering.picture_frame import PictureFrame
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 Bool = npt.NDArray[np.bool_]
 
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
-WINDOW_SLACK = 64  # invocations: a window may begin at so many items, less one, before the first that is read
+WINDOW_SLACK = 64  # items: a window may begin at so many, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs no such images."
@@ -55,19 +57,23 @@ class TriangleRaster:
         self._shared = shared
         self._geometry = geometry
         self._images: dict[str, moderngl.Texture] = {}
+        self._vertices, self._triangles = (GroupShares(shared.ctx, REMEDY) for _ in range(2))
         self._projected: tuple[Batch, PictureFrame] | None = None  # whose places the images have
 
     def release(self) -> None:
-        """Free the images of the vertices."""
+        """Free the images of the vertices, and the shares of the work groups."""
+        self._vertices.release()
+        self._triangles.release()
         for image in self._images.values():
             image.release()
         self._images, self._projected = {}, None
 
     @property
     def size_bytes(self) -> int:
-        """Memory of the images."""
+        """Memory of the images and of the shares."""
+        shares = self._vertices.size_bytes + self._triangles.size_bytes
         row = 4 * shared_constants()["VERTEX_ROW"]
-        return sum(row * COMPONENTS[name] * image.height for name, image in self._images.items())
+        return shares + sum(row * COMPONENTS[name] * image.height for name, image in self._images.items())
 
     def suits(self, frame: PictureFrame) -> bool:
         """Whether a picture is to be tried: by what is asked for, and by the size of the volume's cells in it.
@@ -96,18 +102,32 @@ class TriangleRaster:
             Of the tile.
         slots : int
             How many a pixel has; 0: the lists are linked.
+
+        Raises
+        ------
+        CapacityError
+            If the driver has no room, and compute shaders were asked for.
         """
         shown = np.any([one.shown for one in passes], axis=0)
         budget = frame.settings.mesh_budget_bytes
         for batch in self._shared.scene.meshes.batches(shown, budget, frame.residual):
-            if not self._has_room(batch, frame):
+            try:
+                if not self._has_room(batch, frame):
+                    return False
+                self._build(batch, frame, shown, slots)
+            except CapacityError:
+                if frame.settings.build_stage is BuildStage.COMPUTE:
+                    raise
                 return False
-            self._bind_images()  # also where they are projected already: others may have drawn since the last tile
-            if self._projected is None or self._projected[0] is not batch or self._projected[1] is not frame:
-                self._project(batch, frame)
-                self._projected = (batch, frame)
-            self._rasterise(batch, frame, shown, slots)
         return True
+
+    def _build(self, batch: Batch, frame: PictureFrame, shown: Bool, slots: int) -> None:
+        """Project what a batch has of a picture, unless that is done already, and rasterise what it has of a tile."""
+        self._bind_images()  # also where they are projected already: others may have drawn since the last tile
+        if self._projected is None or self._projected[0] is not batch or self._projected[1] is not frame:
+            self._project(batch, frame)
+            self._projected = (batch, frame)
+        self._rasterise(batch, frame, shown, slots)
 
     def _largest_cell(self, frame: PictureFrame) -> float:
         """Edge of the volume's nearest cell in the picture [pixel]; infinite where the box reaches behind the eye."""
@@ -129,7 +149,7 @@ class TriangleRaster:
         Raises
         ------
         CapacityError
-            If the driver has no room, and compute shaders were asked for.
+            If the driver has no room.
         """
         row = shared_constants()["VERTEX_ROW"]
         rows = -(-max(batch.vertex_count, 1) // row)
@@ -145,62 +165,53 @@ class TriangleRaster:
                     self._images.pop(name).release()
                 self._projected = None
                 image = self._shared.ctx.texture((row, rows), COMPONENTS[name], dtype="f4")
-                try:
-                    self._images[name] = with_room(
-                        self._shared.ctx, image, "projected vertices", size, REMEDY
-                    )
-                except CapacityError:
-                    if frame.settings.build_stage is BuildStage.COMPUTE:
-                        raise
-                    return False
+                self._images[name] = with_room(self._shared.ctx, image, "projected vertices", size, REMEDY)
         return True
 
     def _project(self, batch: Batch, frame: PictureFrame) -> None:
         """Project the vertices of what a batch has of a picture, other tiles of it included."""
         shown = np.any([one.shown for one in frame.passes], axis=0)
-        binding, most = shared_constants()["BINDING_VERTICES"], self._most_at_once(VERTEX_DTYPE.itemsize)
+        first, count = batch.vertex_runs(shown)
+        calls = self._vertices.fill(
+            first, count, np.zeros_like(first), self._most_items(VERTEX_DTYPE.itemsize)
+        )
+        self._vertices.bind()
         program = self._shared.programs.compute("project.comp", project_supply(), CURVED=int(frame.curved))
-        for start, count in zip(*(run.tolist() for run in batch.vertex_runs(shown)), strict=True):
-            program["vertex_count"] = start + count
-            for first, groups in _dispatches(count, most):
-                program["first_vertex"] = start + first
-                window = (start + first, min(count - first, LINE_GROUP * groups))
-                program["window_vertex"] = batch.bind_vertices(binding, *window)
-                program.run(groups)
+        for call in calls:
+            binding = shared_constants()["BINDING_VERTICES"]
+            program["first_item"] = batch.bind_vertices(binding, *call.window)
+            self._run(program, call)
         self._shared.ctx.memory_barrier()
 
     def _rasterise(self, batch: Batch, frame: PictureFrame, shown: Bool, slots: int) -> None:
-        """Rasterise the triangles of a batch, level by level."""
+        """Rasterise the triangles of a batch."""
         constants = {
             **frame.build_constants,
             "PERSPECTIVE": int(frame.block[0]["perspective"] != 0.0),
             "SUBPIXEL_BITS": SUBPIXEL_BITS,
             "SLOTS": int(slots > 0),
         }
-        program = self._shared.programs.compute("build.comp", raster_supply(), **constants)
-        binding, most = shared_constants()["BINDING_INDICES"], self._most_at_once(3 * INDEX_BYTES)
+        level, first, count = batch.runs(shown)
+        calls = self._triangles.fill(first // 3, count // 3, level, self._most_items(3 * INDEX_BYTES))
+        self._triangles.bind()
         batch.bind_residuals(shared_constants()["BINDING_RESIDUALS"])
+        program = self._shared.programs.compute("build.comp", raster_supply(), **constants)
         if slots:
             program["slot_count"] = slots
-        for level, first, count in zip(*(run.tolist() for run in batch.runs(shown)), strict=True):
-            program["level"] = level
-            for start, groups in _dispatches(count // 3, most):
-                window = (first + 3 * start, 3 * min(count // 3 - start, LINE_GROUP * groups))
-                program["first_index"] = window[0] - batch.bind_indices(binding, *window)
-                program["triangle_count"] = min(count // 3 - start, LINE_GROUP * groups)
-                run_interleaved(self._shared.ctx, program, groups)
+        for call in calls:
+            binding = shared_constants()["BINDING_INDICES"]
+            program["first_item"] = batch.bind_indices(binding, *(3 * part for part in call.window))
+            self._run(program, call)
         self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
 
-    def _most_at_once(self, item: int) -> int:
-        """Invocations of one call, each of which reads `item` bytes: as many as groups and a storage block allow."""
-        readable = limits(self._shared.ctx).storage_block_bytes // item
-        return min(MOST_GROUPS * LINE_GROUP, readable // LINE_GROUP * LINE_GROUP - WINDOW_SLACK)
+    def _run(self, program: moderngl.ComputeShader, call: Call) -> None:
+        program["first_share"], program["share_count"] = call.first, call.groups
+        run_interleaved(self._shared.ctx, program, call.groups)
+
+    def _most_items(self, item: int) -> int:
+        """Items of so many bytes that one call can read: a storage block holds them, wherever in it the first is."""
+        return limits(self._shared.ctx).storage_block_bytes // item - WINDOW_SLACK
 
     def _bind_images(self) -> None:
         for name, image in self._images.items():
             image.bind_to_image(shared_constants()[f"BINDING_{name.upper()}"], read=True, write=True)
-
-
-def _dispatches(count: int, most: int) -> list[tuple[int, int]]:
-    """First invocation and work groups of each of the calls that `count` invocations take, `most` at a time."""
-    return [(first, line_groups(min(count - first, most))) for first in range(0, count, most)]

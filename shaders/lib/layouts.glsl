@@ -8,6 +8,7 @@
 const int BINDING_FRAME = 0;             // uniform block
 const int BINDING_HEADS = 0;             // storage: one list head per pixel of the tile
 const int BINDING_COUNTERS = 2;          // storage: struct Counters
+const int BINDING_SHARES = 3;            // storage, of the build pass by compute shaders: struct Share, one per work group
 const int BINDING_BOUNDARY = 5;          // storage: six faces of normalised samples, or of spline coefficients
 const int BINDING_RAYCAST = 1;           // uniform block of the ray caster: struct Raycast
 const int BINDING_RAY_COUNTERS = 6;      // storage: struct RayCounters
@@ -122,6 +123,13 @@ struct Band {
 struct Level {
     vec4 impulse;                        // straight linear RGB and opacity of one crossing
     vec4 sheet;                          // straight linear RGB and area of a thin peak: its extinction times normalised value
+};
+
+// What a work group of the build pass by compute shaders takes of the meshes.
+struct Share {
+    uint first;                          // triangle, or vertex
+    uint count;                          // how many, 64 at most
+    uint level;                          // of triangles
 };
 
 // Camera, box and settings of one frame (std140).

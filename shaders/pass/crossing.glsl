@@ -1,7 +1,5 @@
 // The node of a crossing with a triangle: what the entries of the build pass, which rasterise, find at a pixel. Expects the
-// constants SHADING, CURVED and RESIDUAL.
-
-uniform uint level;
+// constants SHADING, CURVED and RESIDUAL, and `level`.
 
 struct Crossing {
     vec3 gradient;     // of the normalised value, times the box radius

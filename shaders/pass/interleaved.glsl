@@ -6,7 +6,6 @@ layout(local_size_x = 64) in;
 uniform uint thread_count;
 uniform uint groups_each;                 // work groups of a thread
 
-uint interleaved_invocation() {
-    uint group = (gl_WorkGroupID.x % groups_each) * thread_count + gl_WorkGroupID.x / groups_each;
-    return group * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
-}
+uint interleaved_group() { return (gl_WorkGroupID.x % groups_each) * thread_count + gl_WorkGroupID.x / groups_each; }
+
+uint interleaved_invocation() { return interleaved_group() * gl_WorkGroupSize.x + gl_LocalInvocationID.x; }

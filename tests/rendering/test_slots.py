@@ -166,7 +166,6 @@ def test_slots_and_nodes_stay_within_the_budget_in_strips(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_batch, "VERTEX_GAP", 0)
-    monkeypatch.setattr(mesh_batch, "GAP", 0)
     scene, size = clear_scene(), (96, 90)
     camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25, zoom=6)  # some pieces are outside
     tight = replace(SLOTTED, fragment_budget_bytes=2 << 20)
@@ -260,7 +259,6 @@ def test_the_classes_are_those_of_the_shader() -> None:
     longest = [run * runs for run, runs in CLASSES]
     assert longest == [0, group // 2, *(n * group for n in (1, 2, 3, 4, MOST_SLOT_GROUPS))]
     assert constants["PACKET_PIXELS"] == constants["PACKET_WIDTH"] * constants["PACKET_HEIGHT"]
-    assert mesh_batch.VERTEX_GAP >= mesh_batch.GAP
     assert packet_total(Tile(3, 5, 9, 3)) == 3 * 2
 
 

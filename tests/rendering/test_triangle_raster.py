@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from isosample.gl.context import is_software, limits
-from isosample.rendering import triangle_raster
+from isosample.rendering import group_shares, triangle_raster
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.mesh_batch import OFFSET_ALIGNMENT
@@ -288,7 +288,7 @@ def test_several_dispatches_make_the_same_picture(
     scene, camera = nucleon_seen()
     pictures = []
     for most in (65000, 3):
-        monkeypatch.setattr(triangle_raster, "MOST_GROUPS", most)
+        monkeypatch.setattr(group_shares, "MOST_GROUPS", most)
         with ABuffer(gl, scene) as abuffer:
             pictures.append(abuffer.render(camera, SIZE, COMPUTE)[0])
     np.testing.assert_array_equal(pictures[1], pictures[0])
@@ -375,13 +375,6 @@ def test_auto_goes_by_the_size_of_the_cells(gl: moderngl.Context, edge: int, exp
     with ABuffer(gl, scene) as abuffer:
         _, statistics = abuffer.render(camera, (edge, edge), RenderSettings())
     assert statistics.compute_tiles == expected
-
-
-def test_a_dispatch_never_exceeds_what_opengl_allows() -> None:
-    most = 65535 * 64
-    assert triangle_raster._dispatches(0, most) == []
-    assert triangle_raster._dispatches(65, most) == [(0, 2)]
-    assert triangle_raster._dispatches(most + 1, most) == [(0, 65535), (most, 1)]
 
 
 def test_triangles_up_to_the_largest_cover_what_the_pipeline_covers(gl: moderngl.Context) -> None:
