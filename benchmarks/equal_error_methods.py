@@ -34,9 +34,11 @@ ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
 COARSER = "data-centric, coarser details"
 CURVED = "data-centric, coarser details, curved triangles"
-CURVED_LOOK = RenderSettings(
-    curved=True, screen_error=0.125
-)  # pixels: flat triangles are as good at half of it
+CURVED_COARSER = f"{CURVED}, 1/4 pixel"
+CURVED_LOOKS = {
+    CURVED: RenderSettings(curved=True, screen_error=1 / 8),
+    CURVED_COARSER: RenderSettings(curved=True, screen_error=1 / 4),
+}
 VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
 # Of the ray caster's methods these take longer than another one at every error (see RESULTS.md).
 LEFT_OUT = ("post-classified, trapezoid", "peak finding, integral weights, secant")
@@ -53,7 +55,8 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
     else:
         found[DATA_CENTRIC] = (_surfaces(scene, size), PER_SLOPE)
         found[COARSER] = (_surfaces(scene, size, details=MOST_DETAILS), PER_SLOPE)
-        found[CURVED] = (_surfaces(scene, size, details=MOST_DETAILS, look=CURVED_LOOK), PER_SLOPE)
+        for name, look in CURVED_LOOKS.items():
+            found[name] = (_surfaces(scene, size, details=MOST_DETAILS, look=look), PER_SLOPE)
         if (
             scene.volume.array.dtype == np.float32
         ):  # four times the triangles of a scan take longer than any step

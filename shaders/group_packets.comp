@@ -27,8 +27,7 @@ void main() {
             sum += count;
         }
     }
-    uint group = longest <= SLOT_GROUP ? (longest + SLOT_GROUP / 2u - 1u) / (SLOT_GROUP / 2u) : 1u + (longest + SLOT_GROUP - 1u) / SLOT_GROUP;
-    group = min(group, PACKET_CLASSES - 1u);  // longer lists are not resolved
+    uint group = class_of(longest);       // lists longer than the last class takes are not resolved
     uint number = atomicAdd(packets[group], 1u);
     packets[class_start(group) + number] = packet;
     if (sum == 0u) return;

@@ -5,7 +5,7 @@
 #error "RUNS: how many runs of 16 nodes a list may have"
 #endif
 #ifndef RUN
-#error "RUN: nodes of a run that is sorted in registers, 8 or 16"
+#error "RUN: nodes of a run that is sorted in registers, 8, 12 or 16"
 #endif
 #ifndef LISTED
 #error "LISTED: 1 takes the pixels that resolve_slots.comp has noted, 0 those of the tile"

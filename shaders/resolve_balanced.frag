@@ -5,7 +5,7 @@
 #error "RUNS: how many runs of 16 nodes a list may have"
 #endif
 #ifndef RUN
-#error "RUN: nodes of a run that is sorted in registers, 8 or 16"
+#error "RUN: nodes of a run that is sorted in registers, 8, 12 or 16"
 #endif
 #ifndef SEGMENT_RULE
 #error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"

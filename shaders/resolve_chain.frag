@@ -5,7 +5,7 @@
 #error "RUNS: how many runs of 16 nodes a list may have; 0: none, it is empty"
 #endif
 #ifndef RUN
-#error "RUN: nodes of a run that is sorted in registers, 8 or 16"
+#error "RUN: nodes of a run that is sorted in registers, 8, 12 or 16"
 #endif
 #ifndef FACE_BAND
 #error "FACE_BAND: the band of all values on the faces of the box if nothing is visible in it, else -1"

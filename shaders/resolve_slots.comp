@@ -2,7 +2,7 @@
 // Resolve pass, lists in slots, those that are chains: one pixel's list to one colour, for the packets of one class of length.
 
 #ifndef RUN
-#error "RUN: nodes of a run that is sorted in registers, 8 or 16"
+#error "RUN: nodes of a run that is sorted in registers, 8, 12 or 16"
 #endif
 #ifndef RUNS
 #error "RUNS: how many runs a list may have; 0: none, it is empty"

@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 ENTRY = "resolve_slots.comp"
-FEW = 1.0 / 16.0  # of all packets with crossings
+FEW_AT_FIRST, FEW = (
+    1 / 4,
+    1 / 16,
+)  # of all packets with crossings: in a first picture, which may be the only one, and after it
 LEAST_NODES = 1 << 14  # of the pool, so that it does not grow by a few nodes from picture to picture
 
 
-def takers(counts: Sequence[int], ready: Sequence[bool]) -> list[int]:
+def takers(counts: Sequence[int], ready: Sequence[bool], share: float) -> list[int]:
     """Which program takes the packets of each class.
 
     Parameters
@@ -33,6 +36,8 @@ def takers(counts: Sequence[int], ready: Sequence[bool]) -> list[int]:
         Packets of every class.
     ready : sequence of bool
         Whether the program of a class is compiled already.
+    share : float
+        Of all packets with crossings, below which those of a class are few.
 
     Returns
     -------
@@ -40,7 +45,7 @@ def takers(counts: Sequence[int], ready: Sequence[bool]) -> list[int]:
         The class itself; or, for a few packets whose program is not there yet, the next larger one that is there or
         needed anyway. Programs take up to a second to compile, on the first run on a machine.
     """
-    few = FEW * sum(counts[1:])
+    few = share * sum(counts[1:])
     found = list(range(len(counts)))
     there = list(ready)
     for own in range(len(counts) - 1, 0, -1):
@@ -63,6 +68,7 @@ class SlotResolve:
     def __init__(self, shared: PassResources, target: PictureTarget) -> None:
         self._shared = shared
         self._target = target
+        self._first: PictureFrame | None = None
 
     def resolve(self, tile: Tile, frame: PictureFrame, constants: dict[str, int]) -> int:
         """Resolve the lists of a tile that are chains or balanced; return how many others there are, now linked ones.
@@ -86,8 +92,10 @@ class SlotResolve:
         if shared.scene.faces_seen:  # of an empty list something may be seen
             variants[0] = variants[1]
         ready = [shared.programs.has_compute(ENTRY, **variant) for variant in variants]
+        self._first = self._first or frame
+        share = FEW_AT_FIRST if frame is self._first else FEW
         for place, ((first, count), taker) in enumerate(
-            zip(packets, takers([count for _, count in packets], ready), strict=True)
+            zip(packets, takers([count for _, count in packets], ready, share), strict=True)
         ):
             if count == 0 or (place == 0 and band >= 0):
                 continue

@@ -20,6 +20,12 @@ uint place_of(ivec2 in_tile) {
     return uint(in_tile.y % PACKET_HEIGHT) * uint(PACKET_WIDTH) + uint(in_tile.x % PACKET_WIDTH);
 }
 
+// Class of a packet by its longest list.
+uint class_of(uint longest) {
+    return uint(longest > 0u) + uint(longest > 8u) + uint(longest > 12u) + uint(longest > 16u) + uint(longest > 24u)
+         + uint(longest > 32u) + uint(longest > 48u) + uint(longest > 64u);
+}
+
 // Where in their buffer the packets of a class are, and the pixels whose lists are no chains.
 uint class_start(uint number) { return PACKET_CLASSES + number * packet_total(); }
 

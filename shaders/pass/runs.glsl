@@ -1,5 +1,5 @@
 // A list sorted by distance: runs of RUN nodes, each sorted in registers, and merged as they are taken.
-// Expects the buffers of pass/pixel.glsl, RUN, 8 or 16, and RUNS: how many runs a list may have.
+// Expects the buffers of pass/pixel.glsl, RUN, 8, 12 or 16, and RUNS: how many runs a list may have.
 
 const float BEYOND = 3e38;                // no distance is larger
 

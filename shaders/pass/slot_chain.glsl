@@ -48,7 +48,7 @@ bool resolve_slots(ivec2 pixel, uint packet, uint place, uint length) {
     load_slots(packet, place, uint(5 * RUN), length);
 #endif
     if (is_seen(inside) && !walk_chain(length, inside, face_values(origin, inside))) return false;
-    count_list(length);
+    if (length > 0u) atomicAdd(counters.walked_count, length);  // group_packets.comp knows the longest already
     if (walk.saturated > 0u) atomicAdd(counters.saturated_segments, walk.saturated);
     return true;
 #endif

@@ -142,13 +142,15 @@ def test_almost_all_lists_of_a_smooth_field_are_chains(gl: moderngl.Context) -> 
     assert told.max_depth_complexity > RUN  # runs were merged
 
 
-@pytest.mark.parametrize("run", [8, 16])
+@pytest.mark.parametrize("run", [8, 12, 16])
 def test_the_network_sorts_whatever_is_given(run: int) -> None:
     # A network that sorts all sequences of zeros and ones sorts everything (Knuth, 5.3.4, theorem Z).
     text = (shader_root() / "pass" / "network.glsl").read_text(encoding="utf-8")
-    short, long = text[text.index("void sort_run") :].split("#else")
-    pairs = [(int(a), int(b)) for a, b in re.findall(r"ORDER\((\d+), (\d+)\)", {8: short, 16: long}[run])]
-    assert len(pairs) == {8: 19, 16: 60}[run]
+    parts = dict(
+        zip((8, 12, 16), re.split(r"#elif.*|#else", text[text.index("void sort_run") :]), strict=True)
+    )
+    pairs = [(int(a), int(b)) for a, b in re.findall(r"ORDER\((\d+), (\d+)\)", parts[run])]
+    assert len(pairs) == {8: 19, 12: 39, 16: 60}[run]
     rows = (np.arange(1 << run)[:, None] >> np.arange(run)) & 1
     for a, b in pairs:
         rows[:, a], rows[:, b] = np.minimum(rows[:, a], rows[:, b]), np.maximum(rows[:, a], rows[:, b])

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from isosample.gl.shader_source import shader_root
 from isosample.integral.segment_rule import SegmentRule
-from isosample.rendering import mesh_batch
+from isosample.rendering import mesh_batch, stage
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
 from isosample.rendering.crossing_slots import CLASSES, MOST_SLOT_GROUPS, packet_total
@@ -19,7 +20,7 @@ from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import Batch
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import BuildStage, ClipPlane, Material, RenderSettings, ResolveStage
-from isosample.rendering.slot_resolve import takers
+from isosample.rendering.slot_resolve import FEW, FEW_AT_FIRST, takers
 from isosample.rendering.tiles import Tile
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
@@ -108,7 +109,7 @@ def test_a_slot_holds_nothing_of_an_earlier_picture(gl: moderngl.Context) -> Non
     assert np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("count", [8, 9, 16, 17, 32, 33, 48, 49, 64, 65, 80, 81, 96])
+@pytest.mark.parametrize("count", [8, 9, 12, 13, 16, 17, 24, 25, 32, 33, 48, 49, 64, 65, 80, 81, 96])
 def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Context, count: int) -> None:
     scene, camera = layers(count, 0.05)
     told = assert_same(gl, scene, camera, (12, 10), SLOTTED)
@@ -257,7 +258,10 @@ def test_the_classes_are_those_of_the_shader() -> None:
     group = constants["SLOT_GROUP"]
     assert len(CLASSES) == constants["PACKET_CLASSES"]
     longest = [run * runs for run, runs in CLASSES]
-    assert longest == [0, group // 2, *(n * group for n in (1, 2, 3, 4, MOST_SLOT_GROUPS))]
+    assert longest == sorted(longest)
+    assert longest[-1] == group * MOST_SLOT_GROUPS
+    text = (shader_root() / "pass" / "packets.glsl").read_text(encoding="utf-8")
+    assert [int(bound) for bound in re.findall(r"longest > (\d+)u", text)] == longest[:-1]
     assert constants["PACKET_PIXELS"] == constants["PACKET_WIDTH"] * constants["PACKET_HEIGHT"]
     assert packet_total(Tile(3, 5, 9, 3)) == 3 * 2
 
@@ -304,12 +308,26 @@ def test_vertices_of_shown_pieces_are_projected_once_and_little_else(
 
 def test_a_few_packets_wait_for_no_program_of_their_own() -> None:
     nothing = [False] * 6
-    assert takers([900, 100, 100, 100, 0, 3], nothing) == [0, 1, 2, 3, 4, 5]  # the longest need theirs
-    assert takers([900, 3, 100, 100, 3, 3], nothing) == [0, 2, 2, 3, 5, 5]
-    assert takers([900, 3, 100, 0, 3, 0], [False, False, False, True, False, True]) == [0, 2, 2, 3, 5, 5]
-    assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False]) == [0, 1, 2, 3, 4, 5]
+    assert takers([900, 100, 100, 100, 0, 3], nothing, FEW) == [0, 1, 2, 3, 4, 5]  # the longest need theirs
+    assert takers([900, 3, 100, 100, 3, 3], nothing, FEW) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, False, False, True, False, True], FEW) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False], FEW) == [0, 1, 2, 3, 4, 5]
     for counts in ([0] * 6, [5, 0, 0, 1, 0, 0]):
-        assert takers(counts, nothing) == [0, 1, 2, 3, 4, 5]
+        assert takers(counts, nothing, FEW) == [0, 1, 2, 3, 4, 5]
+    assert takers([900, 20, 100, 20, 0, 3], nothing, FEW) == [0, 1, 2, 3, 4, 5]
+    assert takers([900, 20, 100, 20, 0, 3], nothing, FEW_AT_FIRST) == [0, 2, 2, 5, 4, 5]
+
+
+def test_a_first_picture_waits_for_few_programs_and_is_the_same(gl: moderngl.Context) -> None:
+    volume = smooth_volume()
+    camera = camera_of(volume, "orthographic")
+    with ABuffer(gl, scene_of(volume, 2)) as abuffer:
+        programs = abuffer._shared.programs
+        first, _ = abuffer.render(camera, SIZE, SLOTTED)
+        compiled = len(programs._compute)
+        second, _ = abuffer.render(camera, SIZE, SLOTTED)
+        assert len(programs._compute) > compiled
+    assert np.array_equal(first.view(np.uint32), second.view(np.uint32))
 
 
 def test_a_picture_of_one_row_stays_what_it_was(gl: moderngl.Context) -> None:
@@ -329,8 +347,8 @@ def test_for_how_many_threads_work_is_shared_out_changes_no_bit(
     scene = clear_scene()
     camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25)
     pictures = []
-    for threads in (1, 2, 3, 7, 64):
-        monkeypatch.setattr(os, "cpu_count", lambda threads=threads: threads)
+    for threads in (1, 2, 3, 7, stage.MOST_THREADS):
+        monkeypatch.setattr(stage, "processors", lambda threads=threads: threads)
         with ABuffer(gl, scene) as abuffer:
             pictures.append(abuffer.render(camera, SIZE, SLOTTED)[0])
     for picture in pictures[1:]:
