@@ -7,9 +7,6 @@
 #ifndef RUN
 #error "RUN: nodes of a run that is sorted in registers, 8, 12 or 16"
 #endif
-#ifndef LISTED
-#error "LISTED: 1 takes the pixels that resolve_slots.comp has noted, 0 those of the tile"
-#endif
 #ifndef SEGMENT_RULE
 #error "SEGMENT_RULE: 0 constant, 1 - exp(-tau h); 1 constant, tau h (eq. 3 as written); 2 linear; 3 cubic"
 #endif
@@ -37,25 +34,13 @@
 #include "lib/lit_segment.glsl"
 #include "pass/balanced.glsl"
 
-#if LISTED
-#include "pass/packets.glsl"
-layout(local_size_x = 64) in;
-layout(std430, binding = BINDING_PACKETS) readonly buffer Packets { uint packets[]; };
-#else
 layout(local_size_x = 8, local_size_y = 8) in;
-#endif
 layout(rgba32f, binding = BINDING_IMAGE) writeonly uniform image2D image;
 
 void main() {
-#if LISTED
-    if (gl_GlobalInvocationID.x >= counters.broken_chains) return;
-    uint number = packets[broken_start() + gl_GlobalInvocationID.x];
-    ivec2 in_tile = ivec2(number % uint(frame.tile_size.x), number / uint(frame.tile_size.x));
-#else
     ivec2 in_tile = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(in_tile, frame.tile_size))) return;
     uint number = pixel_number(in_tile);
-#endif
     uint head = heads[number];
     ivec2 pixel = frame.tile_origin + in_tile;
     if (!is_broken(head) || !resolve_balanced(pixel, unbroken(head))) return;

@@ -14,7 +14,8 @@ from isosample.gl.layouts import Packing, constants, struct_dtypes
 from isosample.gl.shader_source import shader_root
 
 if TYPE_CHECKING:
-    from isosample.rendering.camera import Camera, Rays
+    from isosample.rendering.camera import Camera
+    from isosample.rendering.rays import Rays
     from isosample.rendering.scene import Scene
     from isosample.rendering.settings import RenderSettings
     from isosample.rendering.tiles import Tile

@@ -9,8 +9,8 @@ import numpy as np
 from isosample.rendering.raycast_settings import Sampling
 
 if TYPE_CHECKING:
-    from isosample.rendering.camera import Rays
     from isosample.rendering.raycast_settings import RaycastSettings
+    from isosample.rendering.rays import Rays
     from isosample.volume.geometry import GridGeometry
 
 

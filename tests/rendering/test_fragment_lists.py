@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
-    from isosample.rendering.camera import Rays
     from isosample.rendering.fragment_lists import FragmentLists
+    from isosample.rendering.rays import Rays
 
     F64 = npt.NDArray[np.float64]
     I64 = npt.NDArray[np.int64]
