@@ -39,6 +39,8 @@ uint level;
 #include "pass/interleaved.glsl"
 #include "pass/shares.glsl"
 
+uniform uint window_index;                // first one in the storage block, which may be any corner of a triangle
+
 layout(std430, binding = BINDING_INDICES) readonly buffer Indices { uint indices[]; };
 layout(rg32f, binding = BINDING_PLACES) readonly uniform image2D places;
 layout(rgba32f, binding = BINDING_CORNERS) readonly uniform image2D corners;
@@ -99,7 +101,7 @@ void main() {
     Share share = this_share();
     if (gl_LocalInvocationID.x >= share.count) return;
     level = share.level;
-    uint word = 3u * (share.first + gl_LocalInvocationID.x) - first_item;
+    uint word = 3u * (share.first + gl_LocalInvocationID.x) - window_index;
     uvec3 vertex = uvec3(indices[word], indices[word + 1u], indices[word + 2u]);
     vec2 place_0 = imageLoad(places, texel_of(vertex.x)).xy;
     vec2 place_1 = imageLoad(places, texel_of(vertex.y)).xy;

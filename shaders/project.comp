@@ -8,7 +8,7 @@
 #include "lib/layouts.glsl"
 
 layout(std140, binding = BINDING_FRAME) uniform FrameBlock { Frame frame; };
-layout(std430, binding = BINDING_VERTICES) readonly buffer Vertices { double vertices[]; };  // position and gradient, two numbers each
+layout(std430, binding = BINDING_VERTICES) readonly buffer Vertices { float vertices[]; };   // position, gradient
 layout(rg32f, binding = BINDING_PLACES) writeonly uniform image2D places;
 layout(rgba32f, binding = BINDING_CORNERS) writeonly uniform image2D corners;
 #if CURVED
@@ -18,21 +18,17 @@ layout(rgba32f, binding = BINDING_POSITIONS) writeonly uniform image2D positions
 #include "pass/interleaved.glsl"
 #include "pass/shares.glsl"
 
-const float FARTHEST = 4194304.0;         // [pixel]: beyond, 1/256 of a pixel times 2^31 is near
+uniform uint window_vertex;               // first one in the storage block: of large buffers it shows a part
 
-// Software renderers load the members of a storage block lane by lane, 64 bits as fast as 32.
-vec2 two_numbers(double bits) { return uintBitsToFloat(unpackDouble2x32(bits)); }
+const float FARTHEST = 4194304.0;         // [pixel]: beyond, 1/256 of a pixel times 2^31 is near
 
 void main() {
     Share share = this_share();
     if (gl_LocalInvocationID.x >= share.count) return;
     uint number = share.first + gl_LocalInvocationID.x;
-    uint pair = 3u * (number - first_item);
-    vec2 first = two_numbers(vertices[pair]);
-    vec2 second = two_numbers(vertices[pair + 1u]);
-    vec2 third = two_numbers(vertices[pair + 2u]);
-    vec3 position = vec3(first, second.x);
-    vec3 gradient = vec3(second.y, third);
+    uint word = 6u * (number - window_vertex);
+    vec3 position = vec3(vertices[word], vertices[word + 1u], vertices[word + 2u]);
+    vec3 gradient = vec3(vertices[word + 3u], vertices[word + 4u], vertices[word + 5u]);
     vec3 from_eye = position - frame.eye;
     float depth = dot(from_eye, frame.forward);
     float w = frame.perspective != 0.0 ? depth : 1.0;

@@ -113,7 +113,9 @@ class ABuffer:
         frame = self._begin(camera, (width, height), settings)
         done = 0
         for tile, rasterised in self._builder.built_tiles(frame, (width, height)):
-            self._resolve_pass.resolve(tile, frame)
+            if not self._resolve_pass.resolve(tile, frame):
+                self._builder.link(tile, frame)  # which comes once more
+                continue
             self._account(rasterised, frame.statistics)
             frame.statistics.tiles += 1
             done += tile.pixel_count

@@ -9,7 +9,7 @@ import numpy as np
 from isosample.gl.context import limits
 from isosample.gl.memory import with_room
 from isosample.rendering.fragment_pool import row_bytes
-from isosample.rendering.frame import shared_constants, storage_dtype
+from isosample.rendering.frame import shared_constants
 from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS
 from isosample.rendering.supplies import storage_bindings
 from isosample.tally import POOLS, tally
@@ -20,11 +20,12 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 # Classes of packets by their longest list, as in pass/packets.glsl: runs of so many crossings, and how many of them.
-CLASSES = ((8, 0), (8, 1), (12, 1), (16, 1), (12, 2), (16, 2), (16, 3), (16, 4), (16, 6))
+CLASSES = ((8, 0), (8, 1), (12, 1), (16, 1), (12, 2), (16, 2), (16, 3), (16, 4), (16, 6), (16, 8), (16, 12))
 MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
 CROSSING_BYTES, NORMAL_BYTES = 8, 4
 MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them
 WORD = 4  # bytes
+NODE_SHARE = 1 / 8  # of the budget is kept for the nodes of lists that are no chains
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 
 
@@ -59,8 +60,8 @@ class CrossingSlots:
     def most_rows(self, width: int, groups: int, *, lit: bool, budget_bytes: int) -> int:
         """Rows of a tile `width` pixels wide whose slots fit the budget and the driver; whole packets of them.
 
-        There is then room for the fragment pool too, even if all lists have to become linked ones. Both come in whole
-        rows of their images.
+        There is then room for some of the lists as linked ones in the fragment pool, too. Both come in whole rows of
+        their images.
         """
         constants = shared_constants()
         row = _packets(width, constants["PACKET_WIDTH"]) * constants["PACKET_PIXELS"] * groups
@@ -107,8 +108,9 @@ class CrossingSlots:
     def _most_crossings(self, *, lit: bool, budget_bytes: int) -> int:
         crossing = crossing_bytes(lit=lit)
         row = shared_constants()["SLOT_ROW"]
-        room = max(budget_bytes - row * crossing - row_bytes(), 0)
-        return min(room // (crossing + storage_dtype("Node").itemsize), limits(self._ctx).texture_size * row)
+        nodes = max(int(NODE_SHARE * budget_bytes), row_bytes())
+        room = max(budget_bytes - row * crossing - nodes, 0)
+        return min(room // crossing, limits(self._ctx).texture_size * row)
 
     def _release_above(self, crossings: int, *, lit: bool) -> None:
         """Free images that are left of a picture with a larger budget, or with light."""

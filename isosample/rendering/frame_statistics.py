@@ -54,7 +54,7 @@ class FrameStatistics:
     mesh_bytes : int
         Most memory of meshes on the GPU at once.
     projected_bytes : int
-        Memory of projected vertices, which compute shaders rasterise.
+        Memory of projected vertices, which compute shaders rasterise, and of the shares of their work groups.
     """
 
     fragments: int = 0

@@ -86,10 +86,12 @@ class GroupShares:
             self._asked = None  # in case there is no room
             shares = shares_of(first, count, level)
             window = shares["first"] // (most_items - LINE_GROUP + 1)
-            order = np.argsort(window, kind="stable")
+            if window.any():
+                order = np.argsort(window, kind="stable")
+                shares, window = shares[order], window[order]
             if len(shares):
-                self._write(shares[order])
-            self._calls, self._asked = list(_calls(shares[order], window[order])), asked
+                self._write(shares)
+            self._calls, self._asked = list(_calls(shares, window)), asked
         return self._calls
 
     def bind(self) -> None:

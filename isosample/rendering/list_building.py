@@ -42,6 +42,7 @@ class ListBuilder:
         self._slots = SlotBuilder(shared, frames, self._compute)
         self._query = shared.ctx.query(samples=True)
         self._rasteriser: moderngl.Framebuffer | None = None
+        self._linked: Tile | None = None
 
     def release(self) -> None:
         """Free the framebuffer, and the images of the vertices."""
@@ -62,6 +63,7 @@ class ListBuilder:
     def built_tiles(self, frame: PictureFrame, size: tuple[int, int]) -> Iterator[tuple[Tile, int]]:
         """Build the lists of one tile after the other; yields each with its fragments by an independent count."""
         parts = [(tile, False) for tile in strips(*size, self._shared.pool.max_pixels)]
+        self._compute.begin_picture(frame)
         self._slots.begin_picture(frame)
         were_split = False
         while parts:
@@ -71,8 +73,18 @@ class ListBuilder:
             parts = [(tile, counted) for tile in smaller] + parts
             were_split |= len(smaller) > 1 and not frame.in_slots
             if not smaller:
+                self._linked = None
                 yield part, rasterised
+                if self._linked is not None:
+                    parts.insert(0, (self._linked, False))
         self._was_split = were_split
+
+    def link(self, tile: Tile, frame: PictureFrame) -> None:
+        """Have the tile that came last built once more, it and the rest of the picture with linked lists."""
+        self._slots.rest(frame)
+        frame.statistics.slot_tiles -= 1
+        frame.statistics.compute_tiles -= 1
+        self._linked = tile
 
     def _build_or_split(self, tile: Tile, frame: PictureFrame, *, counted: bool) -> tuple[list[Tile], int]:
         """Build a tile's lists, or return smaller tiles to build in its place because they do not fit.
@@ -159,10 +171,11 @@ class ListBuilder:
         self._shared.pool.clear_lists(tile)
         self._shared.bind(tile, frame)
         if not self._compute.build(frame, self._frames.tile_passes(frame, tile)):
-            frame.unsuited = True
+            self._compute.rest(frame)
             return None
         counters = self._shared.pool.counters()
-        frame.unsuited = int(counters["unsuited"]) > 0
+        if int(counters["unsuited"]) > 0:
+            self._compute.rest(frame)
         return None if frame.unsuited else counters
 
     def _draw(

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from isosample.rendering.chunk_stream import VERTEX_DTYPE
+from isosample.rendering.stage import LINE_GROUP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +20,9 @@ Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
-VERTEX_GAP = 64  # vertices of ruled out pieces that are projected along: a work group takes so many at once
+VERTEX_GAP = (
+    LINE_GROUP  # vertices of ruled out pieces that are projected along: a work group takes so many at once
+)
 INDEX_BYTES = 4
 OFFSET_ALIGNMENT = (
     256  # [byte] of what is bound to a storage block: the most that OpenGL allows a driver to ask for
@@ -101,7 +104,7 @@ class Batch:
         return 0 if self._residuals is None else int(self._residuals.size)
 
     def runs(self, shown: Bool, *, largest_gap: int = 0) -> tuple[I64, I64, I64]:
-        """Levels, first indices and counts of the draws that show pieces; `shown` as for `draw`."""
+        """Levels, first indices and counts of draws of the `shown` pieces, with at most so many indices between two."""
         kept = shown[self.rows]
         return runs(self._levels[kept], self._starts[kept], self._counts[kept], largest_gap)
 

@@ -54,20 +54,22 @@ class ResolvePass:
         self._target = target
         self._slots = SlotResolve(shared, target)
 
-    def resolve(self, tile: Tile, frame: PictureFrame) -> None:
-        """Sort and integrate the lists of a tile into the target."""
+    def resolve(self, tile: Tile, frame: PictureFrame) -> bool:
+        """Sort and integrate the lists of a tile into the target; False if too many that are in slots are no chains."""
         with self._shared.timer.stage("resolve"):
             if frame.in_slots:
-                self._resolve_slots(tile, frame)
-                return
+                return self._resolve_slots(tile, frame)
             chains = not self._shared.scene.has_mask and frame.settings.sort_capacity >= RUN
             if not chains or self._resolve_chains(tile, frame):
                 self._resolve_rest(tile, frame, first=not chains)
+            return True
 
-    def _resolve_slots(self, tile: Tile, frame: PictureFrame) -> None:
-        """Resolve the lists in slots."""
-        if self._slots.resolve(tile, frame, self._constants(frame)):
+    def _resolve_slots(self, tile: Tile, frame: PictureFrame) -> bool:
+        """Resolve the lists in slots; False if there is no room for those that are no chains."""
+        left = self._slots.resolve(tile, frame, self._constants(frame))
+        if left:
             self._resolve_rest(tile, frame, first=False)
+        return left is not None
 
     def _resolve_chains(self, tile: Tile, frame: PictureFrame) -> bool:
         """Resolve the lists that are chains, by classes of length; return whether any list is left."""
@@ -127,9 +129,7 @@ class ResolvePass:
             else:
                 self._target.fill_blocks(tile, program, shared_constants()["RESOLVE_BLOCK"])
         else:
-            listed = {"LISTED": 0} if entry == "resolve_balanced" else {}
-            compute = self._shared.programs.compute(f"{entry}.comp", supply, **listed, **constants)
-            self._target.fill(tile, compute)
+            self._target.fill(tile, self._shared.programs.compute(f"{entry}.comp", supply, **constants))
         self._shared.ctx.memory_barrier()
 
     def _taken(self, entry: str, frame: PictureFrame) -> int:

@@ -28,9 +28,10 @@ class BuildStage(enum.Enum):
     FRAGMENT is the graphics pipeline. COMPUTE are compute shaders, as long as all triangles in the picture lie in front
     of the eye and each in a box of 120 pixels, and no cells are masked; else FRAGMENT takes its place, for the tile
     where that is found and those that follow it (`FrameStatistics.compute_tiles`). Projected vertices take 24 bytes
-    each, of curved triangles 40, beside the mesh budget (`FrameStatistics.projected_bytes`).
+    each, of curved triangles 40, beside the mesh budget, and work groups 12 for every 64 triangles or vertices
+    (`FrameStatistics.projected_bytes`).
     Where they rasterise, lists are in slots of their pixels (`FrameStatistics.slot_tiles`) as long as none is longer
-    than 96, if `stage` is AUTO, `sort_capacity` 96 or more, and the fragment budget has room for some rows of pixels;
+    than 192, if `stage` is AUTO, `sort_capacity` 192 or more, and the fragment budget has room for some rows of pixels;
     from the first longer list on, those of the picture are linked.
     AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
     """

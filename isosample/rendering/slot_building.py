@@ -11,6 +11,7 @@ from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import ResolveStage
 from isosample.rendering.stage import line_groups
 from isosample.rendering.supplies import group_supply
+from isosample.rendering.triangle_raster import RESTING
 
 if TYPE_CHECKING:
     from isosample.rendering.frame_statistics import FrameStatistics
@@ -36,6 +37,7 @@ class SlotBuilder:
         self._frames = frames
         self._raster = raster
         self._groups = 1
+        self._resting = 0  # pictures that are not tried
         self._last: FrameStatistics | None = None  # of the last picture that was drawn
 
     def begin_picture(self, frame: PictureFrame) -> None:
@@ -44,7 +46,8 @@ class SlotBuilder:
             return
         longest = 0 if self._last is None else self._last.max_depth_complexity
         self._groups = max(-(-longest // self._group), 1)
-        frame.slots_suit = self._groups <= MOST_SLOT_GROUPS
+        frame.slots_suit = self._groups <= MOST_SLOT_GROUPS and self._resting == 0
+        self._resting = max(self._resting - 1, 0)
         self._last = frame.statistics
 
     def suits(self, frame: PictureFrame) -> bool:
@@ -62,7 +65,7 @@ class SlotBuilder:
         budget, lit = frame.settings.fragment_budget_bytes, bool(frame.shading)
         rows = self._shared.slots.most_rows(tile.width, self._groups, lit=lit, budget_bytes=budget)
         if rows < 1:
-            self._refuse(frame)
+            self.refuse(frame)
             return [tile]
         return [
             replace(tile, y=tile.y + y, height=min(rows, tile.height - y))
@@ -83,17 +86,19 @@ class SlotBuilder:
             if not self._begin_tile(tile, frame):
                 return None
             passes = self._frames.tile_passes(frame, tile)
-            frame.unsuited = not self._raster.build(frame, passes, slots=self._groups * self._group)
-            if not frame.unsuited:
+            if self._raster.build(frame, passes, slots=self._groups * self._group):
                 shared.slots.bind()  # the residuals had the place of the packets
                 program = shared.programs.compute("group_packets.comp", group_supply())
                 program.run(line_groups(packet_total(tile)))
                 shared.ctx.memory_barrier()
+            else:
+                self._raster.rest(frame)
             counters = shared.pool.counters()
-            frame.unsuited |= int(counters["unsuited"]) > 0
+            if int(counters["unsuited"]) > 0:
+                self._raster.rest(frame)
             needed = -(-int(counters["max_depth_complexity"]) // self._group)
             if frame.unsuited or needed > MOST_SLOT_GROUPS:
-                self._refuse(frame)
+                self.refuse(frame)
                 return None
             if needed > self._groups:
                 self._groups = needed
@@ -113,13 +118,18 @@ class SlotBuilder:
         try:
             shared.slots.begin_tile(tile, self._groups, lit=lit, budget_bytes=budget)
         except CapacityError:
-            self._refuse(frame)
+            self.refuse(frame)
             return False
         shared.pool.clear_lists(tile)
         shared.bind(tile, frame)
         return True
 
-    def _refuse(self, frame: PictureFrame) -> None:
+    def rest(self, frame: PictureFrame) -> None:
+        """Leave the rest of a picture to linked lists, as too many are no chains, and the pictures that follow, too."""
+        self.refuse(frame)
+        self._resting = RESTING
+
+    def refuse(self, frame: PictureFrame) -> None:
         """Leave the rest of a picture to linked lists, which have the budget to themselves."""
         frame.slots_suit = False
         self._shared.slots.release()

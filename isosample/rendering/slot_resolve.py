@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants
@@ -20,14 +19,11 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 ENTRY = "resolve_slots.comp"
-FEW_AT_FIRST, FEW = (
-    1 / 4,
-    1 / 16,
-)  # of all packets with crossings: in a first picture, which may be the only one, and after it
+FEW = 1 / 16  # of all packets with crossings
 LEAST_NODES = 1 << 14  # of the pool, so that it does not grow by a few nodes from picture to picture
 
 
-def takers(counts: Sequence[int], ready: Sequence[bool], share: float) -> list[int]:
+def takers(counts: Sequence[int], ready: Sequence[bool]) -> list[int]:
     """Which program takes the packets of each class.
 
     Parameters
@@ -36,8 +32,6 @@ def takers(counts: Sequence[int], ready: Sequence[bool], share: float) -> list[i
         Packets of every class.
     ready : sequence of bool
         Whether the program of a class is compiled already.
-    share : float
-        Of all packets with crossings, below which those of a class are few.
 
     Returns
     -------
@@ -45,7 +39,7 @@ def takers(counts: Sequence[int], ready: Sequence[bool], share: float) -> list[i
         The class itself; or, for a few packets whose program is not there yet, the next larger one that is there or
         needed anyway. Programs take up to a second to compile, on the first run on a machine.
     """
-    few = share * sum(counts[1:])
+    few = FEW * sum(counts[1:])
     found = list(range(len(counts)))
     there = list(ready)
     for own in range(len(counts) - 1, 0, -1):
@@ -57,7 +51,7 @@ def takers(counts: Sequence[int], ready: Sequence[bool], share: float) -> list[i
 
 
 class SlotResolve:
-    """Resolves chains in slots into a picture.
+    """Resolves lists in slots into a picture: chains, and those whose crossings add up.
 
     Parameters
     ----------
@@ -68,10 +62,9 @@ class SlotResolve:
     def __init__(self, shared: PassResources, target: PictureTarget) -> None:
         self._shared = shared
         self._target = target
-        self._first: PictureFrame | None = None
 
-    def resolve(self, tile: Tile, frame: PictureFrame, constants: dict[str, int]) -> int:
-        """Resolve the lists of a tile that are chains or balanced; return how many others there are, now linked ones.
+    def resolve(self, tile: Tile, frame: PictureFrame, constants: dict[str, int]) -> int | None:
+        """Resolve the lists of a tile that are chains or balanced.
 
         Parameters
         ----------
@@ -79,6 +72,11 @@ class SlotResolve:
         frame : PictureFrame
         constants : dict
             Of every program of the resolve pass.
+
+        Returns
+        -------
+        left : int or None
+            How many others there are, now linked ones; None if there is no room for these.
         """
         shared = self._shared
         band = shared.scene.face_band
@@ -92,10 +90,8 @@ class SlotResolve:
         if shared.scene.faces_seen:  # of an empty list something may be seen
             variants[0] = variants[1]
         ready = [shared.programs.has_compute(ENTRY, **variant) for variant in variants]
-        self._first = self._first or frame
-        share = FEW_AT_FIRST if frame is self._first else FEW
         for place, ((first, count), taker) in enumerate(
-            zip(packets, takers([count for _, count in packets], ready, share), strict=True)
+            zip(packets, takers([count for _, count in packets], ready), strict=True)
         ):
             if count == 0 or (place == 0 and band >= 0):
                 continue
@@ -107,24 +103,25 @@ class SlotResolve:
         broken = int(counters["broken_chains"])
         if broken == 0:
             return 0
-        self._spill(tile, frame, broken, int(counters["broken_nodes"]))
+        if not self._spill(tile, frame, broken, int(counters["broken_nodes"])):
+            return None
         run, runs = CLASSES[-1]
-        variant = {"LISTED": 1, "RUN": run, "RUNS": runs, **constants}
-        shared.programs.compute("resolve_balanced.comp", listed_supply(), **variant).run(line_groups(broken))
+        variant = {"RUN": run, "RUNS": runs, **constants}
+        program = shared.programs.compute("resolve_listed.comp", listed_supply(), **variant)
+        run_interleaved(shared.ctx, program, line_groups(broken))
         shared.ctx.memory_barrier()
         return broken - int(shared.pool.counters()["balanced_lists"])
 
-    def _spill(self, tile: Tile, frame: PictureFrame, lists: int, nodes: int) -> None:
-        """Make linked lists of those that are no chains."""
+    def _spill(self, tile: Tile, frame: PictureFrame, lists: int, nodes: int) -> bool:
+        """Make linked lists of those that are no chains, if they fit what the slots have left of the budget."""
         shared = self._shared
         budget = frame.settings.fragment_budget_bytes - shared.slots.size_bytes
         row = shared_constants()["NODE_ROW"]
         wanted = max(nodes, min(LEAST_NODES, budget // row_bytes() * row))
         if not shared.pool.grow(wanted, budget):
-            raise CapacityError(
-                f"{nodes} fragments do not fit the {budget} bytes that are left of the fragment budget; raise it."
-            )
+            return False
         shared.bind(tile, frame)
         program = shared.programs.compute("spill_slots.comp", spill_supply(), SHADING=frame.shading)
         program.run(line_groups(lists))
         shared.ctx.memory_barrier()
+        return True

@@ -38,7 +38,7 @@ def line_groups(count: int) -> int:
 
 
 @cache
-def processors() -> int:
+def renderer_threads() -> int:
     """Threads of a software renderer."""
     return min(os.cpu_count() or 1, MOST_THREADS)
 
@@ -53,7 +53,7 @@ def run_interleaved(ctx: moderngl.Context, program: moderngl.ComputeShader, grou
     groups : int
         At most `MOST_GROUPS`; a few more are run, which the program has to pass over.
     """
-    threads = processors() if is_software(ctx) else 1
+    threads = renderer_threads() if is_software(ctx) else 1
     each = -(-groups // threads)
     program["thread_count"], program["groups_each"] = threads, each
     program.run(each * threads)

@@ -30,7 +30,7 @@ TABLE = {"scene_table": "image2D"}  # bands and levels
 SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 INTERLEAVED = {"thread_count": "uint", "groups_each": "uint"}
-SHARED_OUT = {"first_share": "uint", "share_count": "uint", "first_item": "uint"} | INTERLEAVED
+SHARED_OUT = {"first_share": "uint", "share_count": "uint"} | INTERLEAVED
 IMAGE = {"image": "image2D"}  # of compute shaders; a fragment shader draws into it
 
 
@@ -100,7 +100,7 @@ def project_supply() -> Supply:
     """Of the build pass by compute shaders: vertices."""
     return Supply(
         blocks=blocks("FrameBlock", "Vertices", "Shares"),
-        uniforms=SHARED_OUT | PROJECTED,
+        uniforms={"window_vertex": "uint"} | SHARED_OUT | PROJECTED,
         optional=frozenset({"positions"}),
     )
 
@@ -110,7 +110,7 @@ def raster_supply() -> Supply:
     """Of the build pass by compute shaders: triangles."""
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals", "Shares"),
-        uniforms={"slot_count": "uint"} | SHARED_OUT | PROJECTED | NODES | SLOTS,
+        uniforms={"slot_count": "uint", "window_index": "uint"} | SHARED_OUT | PROJECTED | NODES | SLOTS,
         optional=frozenset({"positions", "Residuals", "slot_count", *NODES, *SLOTS}),
     )
 
@@ -154,10 +154,10 @@ def spill_supply() -> Supply:
 
 @cache
 def listed_supply() -> Supply:
-    """Of the part of the resolve pass that takes the pixels which these have noted."""
+    """Of the resolve pass, lists that were in slots and are no chains."""
     return Supply(
         blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", "Boundary"),
-        uniforms=NODES | TABLE | IMAGE,
+        uniforms=NODES | TABLE | IMAGE | INTERLEAVED,
         optional=frozenset(TABLE),
     )
 

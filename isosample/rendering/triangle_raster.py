@@ -39,8 +39,9 @@ Bool = npt.NDArray[np.bool_]
 SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders goes with it
 WINDOW_SLACK = 64  # items: a window may begin at so many, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
+RESTING = 8  # pictures that are not tried after one that was tried in vain
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
-REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs no such images."
+REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 
 
 class TriangleRaster:
@@ -59,6 +60,10 @@ class TriangleRaster:
         self._images: dict[str, moderngl.Texture] = {}
         self._vertices, self._triangles = (GroupShares(shared.ctx, REMEDY) for _ in range(2))
         self._projected: tuple[Batch, PictureFrame] | None = None  # whose places the images have
+        self._resting, self._too_large = (
+            0,
+            np.inf,
+        )  # pictures that are not tried, with cells of that size [pixel]
 
     def release(self) -> None:
         """Free the images of the vertices, and the shares of the work groups."""
@@ -74,6 +79,18 @@ class TriangleRaster:
         shares = self._vertices.size_bytes + self._triangles.size_bytes
         row = 4 * shared_constants()["VERTEX_ROW"]
         return shares + sum(row * COMPONENTS[name] * image.height for name, image in self._images.items())
+
+    def begin_picture(self, frame: PictureFrame) -> None:
+        """Leave a picture to the pipeline if one before, with cells no larger, was tried in vain."""
+        tried = frame.settings.build_stage is BuildStage.COMPUTE
+        if self._resting and not tried and self._largest_cell(frame) >= self._too_large:
+            self._resting -= 1
+            frame.unsuited = True
+
+    def rest(self, frame: PictureFrame) -> None:
+        """Leave the rest of a picture to the pipeline, and those like it that follow."""
+        frame.unsuited = True
+        self._resting, self._too_large = RESTING, self._largest_cell(frame)
 
     def suits(self, frame: PictureFrame) -> bool:
         """Whether a picture is to be tried: by what is asked for, and by the size of the volume's cells in it.
@@ -179,7 +196,7 @@ class TriangleRaster:
         program = self._shared.programs.compute("project.comp", project_supply(), CURVED=int(frame.curved))
         for call in calls:
             binding = shared_constants()["BINDING_VERTICES"]
-            program["first_item"] = batch.bind_vertices(binding, *call.window)
+            program["window_vertex"] = batch.bind_vertices(binding, *call.window)
             self._run(program, call)
         self._shared.ctx.memory_barrier()
 
@@ -200,7 +217,7 @@ class TriangleRaster:
             program["slot_count"] = slots
         for call in calls:
             binding = shared_constants()["BINDING_INDICES"]
-            program["first_item"] = batch.bind_indices(binding, *(3 * part for part in call.window))
+            program["window_index"] = batch.bind_indices(binding, *(3 * part for part in call.window))
             self._run(program, call)
         self._shared.ctx.memory_barrier()  # the next batch is projected into the same images
 

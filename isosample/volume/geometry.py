@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ F64 = npt.NDArray[np.float64]
 ORTHONORMAL_TOLERANCE = 1e-4  # direction cosines are written with 5 to 7 digits in most file formats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Box:
     """An oriented box: one corner and three edge vectors, all in world units.
 
@@ -30,28 +31,29 @@ class Box:
         Row `a` is the edge along index axis `a` (x, y, z), from the first to the last sample.
     patient_axes : bool
         As of `GridGeometry`.
-    centre : (3,) float64
-        The middle of the box [world].
-    radius : float
-        Of the bounding sphere about the centre [world].
     """
 
     corner: F64
     edges: F64
     patient_axes: bool = False
-    centre: F64 = field(init=False, repr=False)
-    radius: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        corner, edges = np.array(self.corner, dtype=np.float64), np.array(self.edges, dtype=np.float64)
-        for name, array in (
-            ("corner", corner),
-            ("edges", edges),
-            ("centre", corner + 0.5 * edges.sum(axis=0)),
-        ):
+        for name in ("corner", "edges"):
+            array = np.array(getattr(self, name), dtype=np.float64)
             array.flags.writeable = False  # all who ask a geometry for its box get the same one
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "radius", float(np.linalg.norm(self.corners() - self.centre, axis=1).max()))
+
+    @cached_property
+    def centre(self) -> F64:
+        """(3,) float64, the middle of the box [world]."""
+        middle: F64 = self.corner + 0.5 * self.edges.sum(axis=0)
+        middle.flags.writeable = False
+        return middle
+
+    @cached_property
+    def radius(self) -> float:
+        """Radius of the bounding sphere about the centre [world]."""
+        return float(np.linalg.norm(self.corners() - self.centre, axis=1).max())
 
     def corners(self) -> F64:
         """(8, 3) float64, the corners [world]; bit `a` of the row number selects the far end of edge `a`."""

@@ -4,7 +4,6 @@ layout(std430, binding = BINDING_SHARES) readonly buffer Shares { Share shares[]
 
 uniform uint first_share;
 uniform uint share_count;
-uniform uint first_item;                  // in the storage block: of large buffers it shows a part
 
 // What this work group takes; nothing past the last one.
 Share this_share() {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from isosample.rendering import group_shares
 from isosample.rendering.frame import storage_dtype
 from isosample.rendering.group_shares import GroupShares, shares_of
-from isosample.rendering.stage import LINE_GROUP
+from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS, MOST_THREADS, renderer_threads
 
 if TYPE_CHECKING:
     import moderngl
@@ -37,7 +38,7 @@ def test_shares_are_all_items_of_the_runs_once_with_their_level() -> None:
 def test_calls_read_what_they_may_and_take_all_shares(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, most_items: int, most_groups: int, calls: int
 ) -> None:
-    """128 items at once: windows begin at multiples of 65, in which 0, 64 and 128, then 500, then 700 lie."""
+    """128 items at once: windows begin at multiples of 65, so that 0 and 64, 128, 500, and 700 are in one each."""
     monkeypatch.setattr(group_shares, "MOST_GROUPS", most_groups)
     shares = GroupShares(gl, "No remedy.")
     found = shares.fill(FIRST, COUNT, LEVEL, most_items)
@@ -66,3 +67,15 @@ def test_shares_are_written_again_only_where_they_differ(gl: moderngl.Context) -
     assert shares.size_bytes == 5 * storage_dtype("Share").itemsize
     shares.release()
     assert len(shares.fill(FIRST[:0], COUNT[:0], LEVEL[:0], LINE_GROUP)) == 0
+
+
+def test_a_call_of_as_many_groups_as_there_may_be_is_one_that_opengl_allows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`run_interleaved` rounds groups up to a multiple of the threads; OpenGL allows 65535."""
+    assert max(-(-MOST_GROUPS // threads) * threads for threads in range(1, MOST_THREADS + 1)) <= 65535
+    for processors, expected in ((1, 1), (48, MOST_THREADS), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda found=processors: found)
+        renderer_threads.cache_clear()
+        assert renderer_threads() == expected
+    renderer_threads.cache_clear()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from isosample.gl.context import is_software
 from isosample.gl.shader_source import shader_root
 from isosample.integral.segment_rule import SegmentRule
 from isosample.rendering import mesh_batch, stage
@@ -20,8 +21,9 @@ from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import Batch
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import BuildStage, ClipPlane, Material, RenderSettings, ResolveStage
-from isosample.rendering.slot_resolve import FEW, FEW_AT_FIRST, takers
+from isosample.rendering.slot_resolve import SlotResolve, takers
 from isosample.rendering.tiles import Tile
+from isosample.rendering.triangle_raster import RESTING
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
@@ -109,7 +111,9 @@ def test_a_slot_holds_nothing_of_an_earlier_picture(gl: moderngl.Context) -> Non
     assert np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("count", [8, 9, 12, 13, 16, 17, 24, 25, 32, 33, 48, 49, 64, 65, 80, 81, 96])
+@pytest.mark.parametrize(
+    "count", [8, 9, 12, 13, 16, 17, 24, 25, 32, 33, 48, 49, 64, 65, 80, 81, 96, 97, 128, 129, 192]
+)
 def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Context, count: int) -> None:
     scene, camera = layers(count, 0.05)
     told = assert_same(gl, scene, camera, (12, 10), SLOTTED)
@@ -213,7 +217,7 @@ def test_the_rest_of_a_picture_is_linked_from_the_first_longer_list_on(gl: moder
 def test_as_many_slots_are_begun_with_as_the_picture_before_needed(gl: moderngl.Context) -> None:
     scene, along = layers(50, 0.05)
     across = along_the_layers()
-    tight = replace(SLOTTED, fragment_budget_bytes=1 << 20)
+    tight = replace(SLOTTED, fragment_budget_bytes=1 << 19)  # 64 slots of 32² pixels take as much alone
     with ABuffer(gl, scene) as abuffer:
         tiles = [
             abuffer.render(camera, (32, 32), tight)[1].tiles for camera in (along, along, across, across)
@@ -229,6 +233,55 @@ def test_a_few_broken_lists_find_room_in_any_budget(gl: moderngl.Context) -> Non
         with ABuffer(gl, scene) as abuffer:
             told = abuffer.render(camera, (32, 24), look)[1]
         assert told.pool_bytes <= look.fragment_budget_bytes
+
+
+def test_where_too_many_lists_are_no_chains_a_picture_is_linked_and_some_that_follow(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(VOLUMES["rough"](), 1)
+    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
+    with ABuffer(gl, scene) as abuffer:
+        expected, whole = abuffer.render(camera, SIZE, look)
+        with monkeypatch.context() as patched:
+            patched.setattr(SlotResolve, "_spill", lambda *_: False)
+            found, told = abuffer.render(camera, SIZE, look)
+        later = [abuffer.render(camera, SIZE, look)[1].slot_tiles for _ in range(RESTING + 1)]
+    assert whole.slot_tiles == whole.tiles
+    assert told.slot_tiles == 0
+    assert told.compute_tiles == told.tiles
+    assert told.fragments == whole.fragments
+    assert np.array_equal(found, expected)
+    assert later == [*([0] * RESTING), whole.slot_tiles]
+
+
+def test_pictures_like_one_that_did_not_suit_are_left_to_the_pipeline_for_a_while(
+    gl: moderngl.Context,
+) -> None:
+    volume = smooth_volume()
+    inside = Camera(
+        projection=Projection.PERSPECTIVE,
+        eye=tuple(volume.box.centre.tolist()),
+        target=tuple((volume.box.centre + np.array([0.0, 0.0, 1.0])).tolist()),
+        fov_y_degrees=60.0,
+    )
+    near = replace(camera_of(volume, "orthographic"), height=0.01)  # a cell is larger than the picture
+    look = RenderSettings(build_stage=BuildStage.AUTO)
+    if not is_software(gl):
+        pytest.skip("AUTO takes compute shaders on software renderers alone")
+    with ABuffer(gl, scene_of(volume, 2)) as abuffer:
+        raster = abuffer._builder._compute
+        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
+        for camera in (inside, near):  # not even tried
+            assert abuffer.render(camera, SIZE, look)[1].compute_tiles == 0
+        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
+        raster._resting, raster._too_large = 2, 0.0
+        told = [
+            abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles for _ in range(3)
+        ]
+        assert told == [0, 0, 1]
+        raster._resting, raster._too_large = 2, 1e6  # cells were larger then
+        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
 
 
 def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Context) -> None:
@@ -308,26 +361,12 @@ def test_vertices_of_shown_pieces_are_projected_once_and_little_else(
 
 def test_a_few_packets_wait_for_no_program_of_their_own() -> None:
     nothing = [False] * 6
-    assert takers([900, 100, 100, 100, 0, 3], nothing, FEW) == [0, 1, 2, 3, 4, 5]  # the longest need theirs
-    assert takers([900, 3, 100, 100, 3, 3], nothing, FEW) == [0, 2, 2, 3, 5, 5]
-    assert takers([900, 3, 100, 0, 3, 0], [False, False, False, True, False, True], FEW) == [0, 2, 2, 3, 5, 5]
-    assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False], FEW) == [0, 1, 2, 3, 4, 5]
+    assert takers([900, 100, 100, 100, 0, 3], nothing) == [0, 1, 2, 3, 4, 5]  # the longest need theirs
+    assert takers([900, 3, 100, 100, 3, 3], nothing) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, False, False, True, False, True]) == [0, 2, 2, 3, 5, 5]
+    assert takers([900, 3, 100, 0, 3, 0], [False, True, False, False, True, False]) == [0, 1, 2, 3, 4, 5]
     for counts in ([0] * 6, [5, 0, 0, 1, 0, 0]):
-        assert takers(counts, nothing, FEW) == [0, 1, 2, 3, 4, 5]
-    assert takers([900, 20, 100, 20, 0, 3], nothing, FEW) == [0, 1, 2, 3, 4, 5]
-    assert takers([900, 20, 100, 20, 0, 3], nothing, FEW_AT_FIRST) == [0, 2, 2, 5, 4, 5]
-
-
-def test_a_first_picture_waits_for_few_programs_and_is_the_same(gl: moderngl.Context) -> None:
-    volume = smooth_volume()
-    camera = camera_of(volume, "orthographic")
-    with ABuffer(gl, scene_of(volume, 2)) as abuffer:
-        programs = abuffer._shared.programs
-        first, _ = abuffer.render(camera, SIZE, SLOTTED)
-        compiled = len(programs._compute)
-        second, _ = abuffer.render(camera, SIZE, SLOTTED)
-        assert len(programs._compute) > compiled
-    assert np.array_equal(first.view(np.uint32), second.view(np.uint32))
+        assert takers(counts, nothing) == [0, 1, 2, 3, 4, 5]
 
 
 def test_a_picture_of_one_row_stays_what_it_was(gl: moderngl.Context) -> None:
@@ -348,7 +387,7 @@ def test_for_how_many_threads_work_is_shared_out_changes_no_bit(
     camera = Camera.orbit(scene.geometry.box, azimuth=35, elevation=25)
     pictures = []
     for threads in (1, 2, 3, 7, stage.MOST_THREADS):
-        monkeypatch.setattr(stage, "processors", lambda threads=threads: threads)
+        monkeypatch.setattr(stage, "renderer_threads", lambda threads=threads: threads)
         with ABuffer(gl, scene) as abuffer:
             pictures.append(abuffer.render(camera, SIZE, SLOTTED)[0])
     for picture in pictures[1:]:

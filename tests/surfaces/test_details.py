@@ -175,7 +175,10 @@ def test_triangles_stand_in_the_order_of_their_size_block_by_block() -> None:
     corners = mesh.positions.astype(np.float64)[mesh.triangles]
     doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     assert len(doubled) > 2 * ORDERED
-    falls = np.flatnonzero(np.diff(doubled) < -1e-4)  # positions are float32 multiples of 2^-19 voxel
+    # Ordered by positions in float64. Stored ones are rounded to 2^-19 voxel: a side is off by 3^0.5 2^-19 at most, an
+    # area of two sides by twice that times the longer one, and the difference of two areas by twice as much.
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    falls = np.flatnonzero(np.diff(doubled) < -4.0 * 3.0**0.5 * 2.0**-19 * longest)
     assert np.all((falls + 1) % ORDERED == 0)
     assert len(falls) > 0  # blocks, not the whole mesh
 
