@@ -12,6 +12,7 @@ from benchmarks.bench_raycast import has_vtk, settings_of
 from benchmarks.raycast_curves import OurFrames
 from benchmarks.surface_frames import SurfaceFrames
 from isosample.rendering.method_choice import is_sharp
+from isosample.rendering.preparation import prepare_surfaces
 from isosample.rendering.quality import Quality, plan_for
 from isosample.rendering.raycast_settings import Classification, Crossings, Integration
 from isosample.rendering.settings import RenderSettings
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
 
     from benchmarks.raycast_curves import Frames
     from benchmarks.raycast_scenes import RaycastScene
+    from isosample.rendering.preparation import PreparedSurfaces
 
     Makers = dict[str, tuple[Callable[[float], Frames], Sequence[float]]]
 
 PER_SLOPE = (0.0, 1.0, 2.0, 4.0, 8.0)
+SCAN_PER_SLOPE = (0.0, 1.0, 2.0)  # of a scan: what is left of the error is then the meshes'
 REFINED_PER_SLOPE = (2.0, 4.0, 8.0)
 REFINEMENTS = (1.0, 2.0, 4.0)
 STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
@@ -34,7 +37,10 @@ ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
 COARSER = "data-centric, coarser details"
 # By the largest screen error [pixel]: curved triangles are about as good as flat ones with half of it.
-CURVED_LOOKS = {
+LOOKS = {
+    DATA_CENTRIC: RenderSettings(screen_error=0.0),
+    COARSER: RenderSettings(),
+} | {
     f"{COARSER}, curved triangles, {part} pixel": RenderSettings(curved=True, screen_error=error)
     for part, error in (("1/8", 1 / 8), ("1/4", 1 / 4))
 }
@@ -52,14 +58,13 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
             REFINEMENTS,
         )
     else:
-        found[DATA_CENTRIC] = (_surfaces(scene, size), PER_SLOPE)
-        found[COARSER] = (_surfaces(scene, size, details=MOST_DETAILS), PER_SLOPE)
-        for name, look in CURVED_LOOKS.items():
-            found[name] = (_surfaces(scene, size, details=MOST_DETAILS, look=look), PER_SLOPE)
-        if (
-            scene.volume.array.dtype == np.float32
-        ):  # four times the triangles of a scan take longer than any step
-            found[REFINED] = (_surfaces(scene, size, refine=2), REFINED_PER_SLOPE)
+        sampled = scene.volume.array.dtype == np.float32
+        counts = PER_SLOPE if sampled else SCAN_PER_SLOPE
+        surfaces = _Surfaces(scene, size)
+        for name, look in LOOKS.items():
+            found[name] = (partial(surfaces.frames, look), counts)
+        if sampled:  # four times the triangles of a scan take longer than any step
+            found[REFINED] = (_refined(scene, size), REFINED_PER_SLOPE)
     for name in casters_for(scene):
         found[name] = _caster(scene, size, name)
     if has_vtk():
@@ -93,17 +98,28 @@ def casters_for(scene: RaycastScene) -> list[str]:
     ]
 
 
-def _surfaces(
-    scene: RaycastScene,
-    size: int,
-    *,
-    refine: int = 1,
-    details: int = 0,
-    look: RenderSettings | None = None,
-) -> Callable[[float], Frames]:
-    return lambda count: SurfaceFrames.of_scene(
-        scene, size, Quality(per_slope=int(count), refine=refine, details=details), look
-    )
+class _Surfaces:
+    """Frames of a scene's surfaces with all details, which are extracted once for all that show them."""
+
+    def __init__(self, scene: RaycastScene, size: int) -> None:
+        self._scene = scene
+        self._size = size
+        self._count = -1
+        self._prepared: PreparedSurfaces | None = None
+
+    def frames(self, look: RenderSettings, count: float) -> Frames:
+        """Frames with so many isovalues per slope."""
+        if self._prepared is None or self._count != int(count):
+            self._prepared, self._count = None, int(count)
+            quality = Quality(per_slope=self._count, details=MOST_DETAILS)
+            self._prepared = prepare_surfaces(self._scene.volume, self._scene.transfer_function, quality)
+        return SurfaceFrames(
+            self._prepared.surfaces, self._prepared.plan, self._scene.camera, self._size, look
+        )
+
+
+def _refined(scene: RaycastScene, size: int) -> Callable[[float], Frames]:
+    return lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=2))
 
 
 def _caster(scene: RaycastScene, size: int, name: str) -> tuple[Callable[[float], Frames], Sequence[float]]:
