@@ -20,7 +20,20 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 # Classes of packets by their longest list, as in pass/packets.glsl: runs of so many crossings, and how many of them.
-CLASSES = ((8, 0), (8, 1), (12, 1), (16, 1), (12, 2), (16, 2), (16, 3), (16, 4), (16, 6), (16, 8), (16, 12))
+CLASSES = (
+    (8, 0),
+    (8, 1),
+    (12, 1),
+    (16, 1),
+    (12, 2),
+    (16, 2),
+    (16, 3),
+    (16, 4),
+    (16, 6),
+    (16, 8),
+    (16, 12),
+    (16, 16),
+)
 MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
 CROSSING_BYTES, NORMAL_BYTES = 8, 4
 MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them

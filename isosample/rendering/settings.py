@@ -31,7 +31,7 @@ class BuildStage(enum.Enum):
     each, of curved triangles 40, beside the mesh budget, and work groups 12 for every 64 triangles or vertices
     (`FrameStatistics.projected_bytes`).
     Where they rasterise, lists are in slots of their pixels (`FrameStatistics.slot_tiles`) as long as none is longer
-    than 192, if `stage` is AUTO, `sort_capacity` 192 or more, and the fragment budget has room for some rows of pixels;
+    than 256, if `stage` is AUTO, `sort_capacity` 256 or more, and the fragment budget has room for some rows of pixels;
     from the first longer list on, those of the picture are linked.
     AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
     """

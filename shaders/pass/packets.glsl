@@ -23,7 +23,8 @@ uint place_of(ivec2 in_tile) {
 // Class of a packet by its longest list.
 uint class_of(uint longest) {
     return uint(longest > 0u) + uint(longest > 8u) + uint(longest > 12u) + uint(longest > 16u) + uint(longest > 24u)
-         + uint(longest > 32u) + uint(longest > 48u) + uint(longest > 64u) + uint(longest > 96u) + uint(longest > 128u);
+         + uint(longest > 32u) + uint(longest > 48u) + uint(longest > 64u) + uint(longest > 96u) + uint(longest > 128u)
+         + uint(longest > 192u);
 }
 
 // Where in their buffer the packets of a class are, and the pixels whose lists are no chains.

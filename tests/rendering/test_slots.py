@@ -112,7 +112,7 @@ def test_a_slot_holds_nothing_of_an_earlier_picture(gl: moderngl.Context) -> Non
 
 
 @pytest.mark.parametrize(
-    "count", [8, 9, 12, 13, 16, 17, 24, 25, 32, 33, 48, 49, 64, 65, 80, 81, 96, 97, 128, 129, 192]
+    "count", [8, 9, 12, 13, 16, 17, 24, 25, 32, 33, 48, 49, 64, 65, 80, 81, 96, 97, 128, 129, 192, 193, 256]
 )
 def test_lists_of_any_length_up_to_the_last_slot_are_resolved(gl: moderngl.Context, count: int) -> None:
     scene, camera = layers(count, 0.05)
