@@ -35,7 +35,7 @@ CLASSES = (
     (16, 16),
 )
 MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
-CROSSING_BYTES, NORMAL_BYTES = 8, 4
+CROSSING_WORDS, NORMAL_WORDS = 2, 1
 MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them
 WORD = 4  # bytes
 NODE_SHARE = 1 / 8  # of the budget is kept for the nodes of lists that are no chains
@@ -70,6 +70,19 @@ class CrossingSlots:
         row = shared_constants()["SLOT_ROW"]
         return sum(WORD * image.components * row * image.height for image in self._images.values())
 
+    def bytes_with(self, tile: Tile, groups: int, *, lit: bool) -> int:
+        """Memory of the images once there is room for groups of slots of every pixel of a tile, and what is held."""
+        row = WORD * shared_constants()["SLOT_ROW"]
+        needed = slot_rows(tile, groups)
+        held = {name: image.height for name, image in self._images.items()}
+        return sum(
+            row * components * max(held.get(name, 0), needed if needs else 0)
+            for name, components, needs in (
+                ("slots", CROSSING_WORDS, True),
+                ("slot_normals", NORMAL_WORDS, lit),
+            )
+        )
+
     def most_rows(self, width: int, groups: int, *, lit: bool, budget_bytes: int) -> int:
         """Rows of a tile `width` pixels wide whose slots fit the budget and the driver; whole packets of them.
 
@@ -93,9 +106,9 @@ class CrossingSlots:
         self._tile_packets = packet_total(tile)
         rows = slot_rows(tile, groups)
         self._release_above(self._most_crossings(lit=lit, budget_bytes=budget_bytes), lit=lit)
-        self._reserve("slots", CROSSING_BYTES // WORD, rows)
+        self._reserve("slots", CROSSING_WORDS, rows)
         if lit:
-            self._reserve("slot_normals", NORMAL_BYTES // WORD, rows)
+            self._reserve("slot_normals", NORMAL_WORDS, rows)
         size = WORD * (len(CLASSES) * (1 + self._tile_packets) + tile.pixel_count)
         if self._packets is None or self._packets.size < size:
             if self._packets is not None:
@@ -147,7 +160,7 @@ class CrossingSlots:
 
 def crossing_bytes(*, lit: bool) -> int:
     """What a slot takes."""
-    return CROSSING_BYTES + NORMAL_BYTES * int(lit)
+    return WORD * (CROSSING_WORDS + NORMAL_WORDS * int(lit))
 
 
 def slot_rows(tile: Tile, groups: int) -> int:
@@ -155,11 +168,6 @@ def slot_rows(tile: Tile, groups: int) -> int:
     constants = shared_constants()
     crossings = groups * constants["SLOT_GROUP"] * packet_total(tile) * constants["PACKET_PIXELS"]
     return -(-crossings // constants["SLOT_ROW"])
-
-
-def slot_bytes(tile: Tile, groups: int, *, lit: bool) -> int:
-    """Memory of these images."""
-    return slot_rows(tile, groups) * shared_constants()["SLOT_ROW"] * crossing_bytes(lit=lit)
 
 
 def packet_total(tile: Tile) -> int:

@@ -42,7 +42,7 @@ class PictureFrame:
     unsuited : bool
         Whether compute shaders turned out not to be able to rasterise what is drawn.
     slots_suit : bool
-        False where slots turned out not to be able to hold the lists.
+        False where slots turned out not to be able to hold the lists, or did so in a picture before.
     in_slots : bool
         Whether the lists of the present tile are in slots, see `SlotBuilder`; else they are linked.
     statistics : FrameStatistics

@@ -31,9 +31,10 @@ class BuildStage(enum.Enum):
     each, of curved triangles 40, beside the mesh budget, and work groups 12 for every 64 triangles or vertices
     (`FrameStatistics.projected_bytes`).
     Where they rasterise, lists are in slots of their pixels (`FrameStatistics.slot_tiles`) as long as none is longer
-    than 256, if `stage` is AUTO, `sort_capacity` 256 or more, and the fragment budget has room for some rows of pixels;
-    from the first longer list on, those of the picture are linked.
-    AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT.
+    than 256 or `sort_capacity`, if `stage` is AUTO and the fragment budget has room for an eighth of the picture at a
+    time; from the first longer list on, or where too many are no chains, those of the picture are linked.
+    AUTO is COMPUTE on software renderers where cells of the volume are at most 24 pixels large, else FRAGMENT. After a
+    picture that did not suit COMPUTE, or slots, AUTO leaves up to 8 like it to FRAGMENT, or to linked lists, at once.
     """
 
     AUTO = "auto"

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from isosample.errors import CapacityError
-from isosample.rendering.crossing_slots import MOST_SLOT_GROUPS, packet_total, slot_bytes
+from isosample.rendering.crossing_slots import MOST_SLOT_GROUPS, packet_total
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.settings import ResolveStage
 from isosample.rendering.stage import line_groups
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from isosample.rendering.picture_frame import PictureFrame, PictureFrames
     from isosample.rendering.tiles import Tile
     from isosample.rendering.triangle_raster import TriangleRaster
+
+MOST_STRIPS = 8  # of a tile
 
 
 class SlotBuilder:
@@ -37,7 +39,10 @@ class SlotBuilder:
         self._frames = frames
         self._raster = raster
         self._groups = 1
-        self._resting = 0  # pictures that are not tried
+        self._resting, self._tried_with = (
+            0,
+            0,
+        )  # pictures that are not tried, with a budget no larger than that
         self._last: FrameStatistics | None = None  # of the last picture that was drawn
 
     def begin_picture(self, frame: PictureFrame) -> None:
@@ -46,8 +51,10 @@ class SlotBuilder:
             return
         longest = 0 if self._last is None else self._last.max_depth_complexity
         self._groups = max(-(-longest // self._group), 1)
-        frame.slots_suit = self._groups <= MOST_SLOT_GROUPS and self._resting == 0
-        self._resting = max(self._resting - 1, 0)
+        frame.slots_suit = self._groups <= MOST_SLOT_GROUPS
+        if self._resting and self._tried_with >= frame.settings.fragment_budget_bytes and self.suits(frame):
+            self._resting -= 1
+            frame.slots_suit = False
         self._last = frame.statistics
 
     def suits(self, frame: PictureFrame) -> bool:
@@ -56,7 +63,7 @@ class SlotBuilder:
             frame.slots_suit
             and not frame.residuals
             and frame.settings.stage is ResolveStage.AUTO
-            and frame.settings.sort_capacity >= self._group * MOST_SLOT_GROUPS
+            and frame.settings.sort_capacity >= self._group * self._groups
             and self._raster.suits(frame)
         )
 
@@ -64,7 +71,8 @@ class SlotBuilder:
         """Strips of a tile whose slots fit the budget; the tile itself where none does."""
         budget, lit = frame.settings.fragment_budget_bytes, bool(frame.shading)
         rows = self._shared.slots.most_rows(tile.width, self._groups, lit=lit, budget_bytes=budget)
-        if rows < 1:
+        # Strips draw again what reaches over their edges; streamed meshes are uploaded again for each.
+        if rows < 1 or -(-tile.height // rows) > (1 if frame.streamed else MOST_STRIPS):
             self.refuse(frame)
             return [tile]
         return [
@@ -113,8 +121,7 @@ class SlotBuilder:
         """Make room, within the budget, and empty all lists; False if the driver has no room."""
         shared, lit = self._shared, bool(frame.shading)
         budget = frame.settings.fragment_budget_bytes
-        wanted = max(slot_bytes(tile, self._groups, lit=lit), shared.slots.size_bytes)
-        shared.pool.keep_within(budget - wanted)
+        shared.pool.keep_within(budget - shared.slots.bytes_with(tile, self._groups, lit=lit))
         try:
             shared.slots.begin_tile(tile, self._groups, lit=lit, budget_bytes=budget)
         except CapacityError:
@@ -127,7 +134,7 @@ class SlotBuilder:
     def rest(self, frame: PictureFrame) -> None:
         """Leave the rest of a picture to linked lists, as too many are no chains, and the pictures that follow, too."""
         self.refuse(frame)
-        self._resting = RESTING
+        self._resting, self._tried_with = RESTING, frame.settings.fragment_budget_bytes
 
     def refuse(self, frame: PictureFrame) -> None:
         """Leave the rest of a picture to linked lists, which have the budget to themselves."""

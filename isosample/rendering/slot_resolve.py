@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
 from isosample.rendering.fragment_pool import row_bytes
 from isosample.rendering.frame import shared_constants
@@ -118,7 +119,10 @@ class SlotResolve:
         budget = frame.settings.fragment_budget_bytes - shared.slots.size_bytes
         row = shared_constants()["NODE_ROW"]
         wanted = max(nodes, min(LEAST_NODES, budget // row_bytes() * row))
-        if not shared.pool.grow(wanted, budget):
+        try:
+            if not shared.pool.grow(wanted, budget):
+                return False
+        except CapacityError:  # of the driver: linked lists have the slots' room, too
             return False
         shared.bind(tile, frame)
         program = shared.programs.compute("spill_slots.comp", spill_supply(), SHADING=frame.shading)

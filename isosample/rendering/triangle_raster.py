@@ -40,6 +40,7 @@ SUBPIXEL_BITS = 8  # of the grid of the corners: LARGEST_TRIANGLE of the shaders
 WINDOW_SLACK = 64  # items: a window may begin at so many, less one, before the first that is read
 LARGEST_CELL = 24.0  # of the volume [pixel]: the triangles of larger ones the pipeline fills faster
 RESTING = 8  # pictures that are not tried after one that was tried in vain
+SAME_SIZE = 0.99  # cells are as large: those of a turning camera differ by rounding
 COMPONENTS = {"places": 2, "corners": 4, "positions": 4}  # float32 numbers per vertex
 REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which needs none."
 
@@ -81,16 +82,19 @@ class TriangleRaster:
         return shares + sum(row * COMPONENTS[name] * image.height for name, image in self._images.items())
 
     def begin_picture(self, frame: PictureFrame) -> None:
-        """Leave a picture to the pipeline if one before, with cells no larger, was tried in vain."""
-        tried = frame.settings.build_stage is BuildStage.COMPUTE
-        if self._resting and not tried and self._largest_cell(frame) >= self._too_large:
+        """Leave a picture to the pipeline if one before, with cells that were not larger, was tried in vain."""
+        asked = frame.settings.build_stage is BuildStage.COMPUTE
+        if not self._resting or asked or not self.suits(frame):
+            return
+        if self._largest_cell(frame) >= SAME_SIZE * self._too_large:
             self._resting -= 1
             frame.unsuited = True
 
     def rest(self, frame: PictureFrame) -> None:
         """Leave the rest of a picture to the pipeline, and those like it that follow."""
         frame.unsuited = True
-        self._resting, self._too_large = RESTING, self._largest_cell(frame)
+        before = self._too_large if self._resting else np.inf
+        self._resting, self._too_large = RESTING, min(before, self._largest_cell(frame))
 
     def suits(self, frame: PictureFrame) -> bool:
         """Whether a picture is to be tried: by what is asked for, and by the size of the volume's cells in it.

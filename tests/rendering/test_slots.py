@@ -21,9 +21,10 @@ from isosample.rendering.frame import shared_constants
 from isosample.rendering.mesh_batch import Batch
 from isosample.rendering.scene import Scene
 from isosample.rendering.settings import BuildStage, ClipPlane, Material, RenderSettings, ResolveStage
+from isosample.rendering.slot_building import MOST_STRIPS
 from isosample.rendering.slot_resolve import SlotResolve, takers
 from isosample.rendering.tiles import Tile
-from isosample.rendering.triangle_raster import RESTING
+from isosample.rendering.triangle_raster import RESTING, TriangleRaster
 from isosample.surfaces.extract import extract_surfaces
 from isosample.transfer.control_points import ControlPoint, Isosurface
 from isosample.transfer.isovalues import plan_isovalues
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from isosample.rendering.frame_statistics import FrameStatistics
+    from isosample.rendering.picture_frame import PictureFrame
 
 SLOTTED = RenderSettings(build_stage=BuildStage.COMPUTE)
 SIZE = (53, 38)  # packets of 4 x 2 pixels stand over at two sides
@@ -255,33 +257,105 @@ def test_where_too_many_lists_are_no_chains_a_picture_is_linked_and_some_that_fo
     assert later == [*([0] * RESTING), whole.slot_tiles]
 
 
-def test_pictures_like_one_that_did_not_suit_are_left_to_the_pipeline_for_a_while(
-    gl: moderngl.Context,
+def test_a_strip_whose_lists_find_no_room_is_linked_and_so_are_those_after_it(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = smooth_volume()
-    inside = Camera(
-        projection=Projection.PERSPECTIVE,
-        eye=tuple(volume.box.centre.tolist()),
-        target=tuple((volume.box.centre + np.array([0.0, 0.0, 1.0])).tolist()),
-        fov_y_degrees=60.0,
-    )
-    near = replace(camera_of(volume, "orthographic"), height=0.01)  # a cell is larger than the picture
-    look = RenderSettings(build_stage=BuildStage.AUTO)
+    scene = scene_of(VOLUMES["rough"](), 1)
+    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    tight = replace(SLOTTED, fragment_budget_bytes=1 << 19)
+    spill, asked, done = SlotResolve._spill, [], []
+
+    def first_alone(resolve: SlotResolve, tile: Tile, frame: PictureFrame, lists: int, nodes: int) -> bool:
+        asked.append(tile)
+        return len(asked) < 2 and spill(resolve, tile, frame, lists, nodes)
+
+    with ABuffer(gl, scene) as abuffer:
+        expected, whole = abuffer.render(camera, SIZE, SLOTTED)
+    with ABuffer(gl, scene) as abuffer:
+        monkeypatch.setattr(SlotResolve, "_spill", first_alone)
+        found, told = abuffer.render(camera, SIZE, tight, lambda now, of: done.append((now, of)))
+    assert len(asked) == 2
+    assert 0 < told.slot_tiles < told.tiles == told.compute_tiles
+    assert told.fragments == whole.fragments
+    assert done[-1] == (SIZE[0] * SIZE[1],) * 2
+    assert len(done) == told.tiles
+    assert np.array_equal(found, expected)
+
+
+def test_slots_are_tried_again_with_a_larger_budget(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(VOLUMES["rough"](), 1)
+    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
+    with ABuffer(gl, scene) as abuffer:
+        with monkeypatch.context() as patched:
+            patched.setattr(SlotResolve, "_spill", lambda *_: False)
+            assert abuffer.render(camera, SIZE, look)[1].slot_tiles == 0
+        assert abuffer.render(camera, SIZE, look)[1].slot_tiles == 0
+        assert abuffer.render(camera, SIZE, SLOTTED)[1].slot_tiles == 1
+
+
+@pytest.mark.parametrize(("budget", "in_slots"), [(215_000, True), (190_000, False)])
+def test_lists_that_would_take_many_strips_are_linked(
+    gl: moderngl.Context, budget: int, in_slots: bool
+) -> None:
+    """112 slots of 32² pixels: 114 688 bytes for 4 rows; 32 768 of slots and 65 536 of nodes are kept."""
+    scene, camera = layers(100, 0.05)
+    look = replace(SLOTTED, fragment_budget_bytes=budget)
+    with ABuffer(gl, scene) as abuffer:
+        rows = abuffer._shared.slots.most_rows(32, 7, lit=False, budget_bytes=budget)
+        told = abuffer.render(camera, (32, 32), look)[1]
+    assert (rows >= 32 / MOST_STRIPS) == in_slots
+    assert (told.slot_tiles == told.tiles > 1) if in_slots else (told.slot_tiles == 0)
+
+
+def test_a_lit_picture_after_a_larger_one_keeps_to_the_budget(gl: moderngl.Context) -> None:
+    scene = scene_of(VOLUMES["rough"](), 1)
+    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    with ABuffer(gl, scene) as abuffer:
+        held = abuffer.render(camera, (96, 96), SLOTTED)[1].pool_bytes
+        for edge in (96, 80, 64, 48):
+            look = replace(SLOTTED, fragment_budget_bytes=held, material=Material())
+            abuffer.render(camera, (96, 96), replace(look, material=None))
+            assert abuffer.render(camera, (edge, edge), look)[1].pool_bytes <= held
+
+
+def test_pictures_like_one_that_did_not_suit_are_left_to_the_pipeline_for_a_while(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if not is_software(gl):
         pytest.skip("AUTO takes compute shaders on software renderers alone")
+    volume, look = smooth_volume(), RenderSettings()
+    camera = camera_of(volume, "orthographic")
+    assert camera.height is not None
+    tried: list[bool] = []
+    build = TriangleRaster.build
+
+    def never(*_: object, **__: object) -> bool:
+        tried.append(True)
+        return False
+
+    def as_it_is(raster: TriangleRaster, *given: object, **named: object) -> bool:
+        tried.append(True)
+        return build(raster, *given, **named)  # type: ignore[arg-type]
+
     with ABuffer(gl, scene_of(volume, 2)) as abuffer:
-        raster = abuffer._builder._compute
-        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
-        for camera in (inside, near):  # not even tried
+        with monkeypatch.context() as patched:
+            patched.setattr(TriangleRaster, "build", never)
             assert abuffer.render(camera, SIZE, look)[1].compute_tiles == 0
-        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
-        raster._resting, raster._too_large = 2, 0.0
-        told = [
-            abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles for _ in range(3)
-        ]
-        assert told == [0, 0, 1]
-        raster._resting, raster._too_large = 2, 1e6  # cells were larger then
-        assert abuffer.render(camera_of(volume, "orthographic"), SIZE, look)[1].compute_tiles == 1
+        assert len(tried) == 1
+        monkeypatch.setattr(TriangleRaster, "build", as_it_is)
+        smaller = replace(camera, height=2.0 * camera.height)  # cells, in the picture
+        assert abuffer.render(smaller, SIZE, look)[1].compute_tiles == 1
+        assert (
+            abuffer.render(camera, SIZE, replace(look, build_stage=BuildStage.COMPUTE))[1].compute_tiles == 1
+        )
+        abuffer.render(camera, SIZE, replace(look, build_stage=BuildStage.FRAGMENT))
+        tried.clear()
+        told = [abuffer.render(camera, SIZE, look)[1].compute_tiles for _ in range(RESTING + 1)]
+    assert told == [*([0] * RESTING), 1]
+    assert len(tried) == 1
 
 
 def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Context) -> None:
@@ -297,7 +371,7 @@ def test_a_budget_without_room_for_slots_leaves_linked_lists(gl: moderngl.Contex
     [
         replace(SLOTTED, build_stage=BuildStage.FRAGMENT),
         replace(SLOTTED, stage=ResolveStage.COMPUTE),
-        replace(SLOTTED, sort_capacity=95),
+        replace(SLOTTED, sort_capacity=15),
     ],
 )
 def test_what_asks_for_other_ways_gets_linked_lists(gl: moderngl.Context, look: RenderSettings) -> None:
