@@ -39,10 +39,8 @@ class SlotBuilder:
         self._frames = frames
         self._raster = raster
         self._groups = 1
-        self._resting, self._tried_with = (
-            0,
-            0,
-        )  # pictures that are not tried, with a budget no larger than that
+        self._resting = 0  # pictures that are not tried,
+        self._tried_with = 0  # with a budget no larger than that [byte]
         self._last: FrameStatistics | None = None  # of the last picture that was drawn
 
     def begin_picture(self, frame: PictureFrame) -> None:

@@ -61,10 +61,8 @@ class TriangleRaster:
         self._images: dict[str, moderngl.Texture] = {}
         self._vertices, self._triangles = (GroupShares(shared.ctx, REMEDY) for _ in range(2))
         self._projected: tuple[Batch, PictureFrame] | None = None  # whose places the images have
-        self._resting, self._too_large = (
-            0,
-            np.inf,
-        )  # pictures that are not tried, with cells of that size [pixel]
+        self._resting = 0  # pictures that are not tried,
+        self._too_large = np.inf  # with cells as large as that [pixel]
 
     def release(self) -> None:
         """Free the images of the vertices, and the shares of the work groups."""
