@@ -40,9 +40,8 @@ COARSER = "data-centric, coarser details"
 LOOKS = {
     DATA_CENTRIC: RenderSettings(screen_error=0.0),
     COARSER: RenderSettings(),
-} | {
-    f"{COARSER}, curved triangles, {part} pixel": RenderSettings(curved=True, screen_error=error)
-    for part, error in (("1/8", 1 / 8), ("1/4", 1 / 4))
+    f"{COARSER}, curved triangles, 1/8 pixel": RenderSettings(curved=True, screen_error=1 / 8),
+    f"{COARSER}, curved triangles, 1/4 pixel": RenderSettings(curved=True, screen_error=1 / 4),
 }
 VTK_GPU, VTK_ISO, VTK_FIXED = "VTK, GPU mapper", "VTK, GPU mapper, isosurface mode", "VTK, fixed-point mapper"
 # Of the ray caster's methods these take longer than another one at every error (see RESULTS.md).
@@ -64,7 +63,10 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
         for name, look in LOOKS.items():
             found[name] = (partial(surfaces.frames, look), counts)
         if sampled:  # four times the triangles of a scan take longer than any step
-            found[REFINED] = (_refined(scene, size), REFINED_PER_SLOPE)
+            found[REFINED] = (
+                lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=2)),
+                REFINED_PER_SLOPE,
+            )
     for name in casters_for(scene):
         found[name] = _caster(scene, size, name)
     if has_vtk():
@@ -116,10 +118,6 @@ class _Surfaces:
         return SurfaceFrames(
             self._prepared.surfaces, self._prepared.plan, self._scene.camera, self._size, look
         )
-
-
-def _refined(scene: RaycastScene, size: int) -> Callable[[float], Frames]:
-    return lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=2))
 
 
 def _caster(scene: RaycastScene, size: int, name: str) -> tuple[Callable[[float], Frames], Sequence[float]]:

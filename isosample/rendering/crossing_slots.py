@@ -35,7 +35,7 @@ CLASSES = (
     (16, 16),
 )
 MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
-CROSSING_WORDS, NORMAL_WORDS = 2, 1
+SLOT_WORDS = {"slots": 2, "slot_normals": 1}  # of a crossing, by image; normals are those of lit pictures
 MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them
 WORD = 4  # bytes
 NODE_SHARE = 1 / 8  # of the budget is kept for the nodes of lists that are no chains
@@ -74,14 +74,10 @@ class CrossingSlots:
         """Memory of the images once there is room for groups of slots of every pixel of a tile, and what is held."""
         row = WORD * shared_constants()["SLOT_ROW"]
         needed = slot_rows(tile, groups)
-        held = {name: image.height for name, image in self._images.items()}
-        return sum(
-            row * components * max(held.get(name, 0), needed if needs else 0)
-            for name, components, needs in (
-                ("slots", CROSSING_WORDS, True),
-                ("slot_normals", NORMAL_WORDS, lit),
-            )
-        )
+        heights = {name: image.height for name, image in self._images.items()}
+        for name in image_names(lit=lit):
+            heights[name] = max(heights.get(name, 0), needed)
+        return sum(row * SLOT_WORDS[name] * height for name, height in heights.items())
 
     def most_rows(self, width: int, groups: int, *, lit: bool, budget_bytes: int) -> int:
         """Rows of a tile `width` pixels wide whose slots fit the budget and the driver; whole packets of them.
@@ -106,9 +102,8 @@ class CrossingSlots:
         self._tile_packets = packet_total(tile)
         rows = slot_rows(tile, groups)
         self._release_above(self._most_crossings(lit=lit, budget_bytes=budget_bytes), lit=lit)
-        self._reserve("slots", CROSSING_WORDS, rows)
-        if lit:
-            self._reserve("slot_normals", NORMAL_WORDS, rows)
+        for name in image_names(lit=lit):
+            self._reserve(name, rows)
         size = WORD * (len(CLASSES) * (1 + self._tile_packets) + tile.pixel_count)
         if self._packets is None or self._packets.size < size:
             if self._packets is not None:
@@ -145,22 +140,27 @@ class CrossingSlots:
             if image.height > most or (name == "slot_normals" and not lit):
                 self._images.pop(name).release()
 
-    def _reserve(self, name: str, components: int, rows: int) -> None:
+    def _reserve(self, name: str, rows: int) -> None:
         held = self._images.get(name)
         if held is not None and held.height >= rows:
             return
         if held is not None:
             self._images.pop(name).release()
-        row = shared_constants()["SLOT_ROW"]
+        row, components = shared_constants()["SLOT_ROW"], SLOT_WORDS[name]
         tally(POOLS)
         image = self._ctx.texture((row, rows), components, dtype="u4")
         room = ("slots of fragments", WORD * components * row * rows, REMEDY)
         self._images[name] = with_room(self._ctx, image, *room)
 
 
+def image_names(*, lit: bool) -> list[str]:
+    """The images that a picture needs."""
+    return ["slots", "slot_normals"] if lit else ["slots"]
+
+
 def crossing_bytes(*, lit: bool) -> int:
     """What a slot takes."""
-    return WORD * (CROSSING_WORDS + NORMAL_WORDS * int(lit))
+    return WORD * sum(SLOT_WORDS[name] for name in image_names(lit=lit))
 
 
 def slot_rows(tile: Tile, groups: int) -> int:

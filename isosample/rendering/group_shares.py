@@ -91,7 +91,7 @@ class GroupShares:
                 shares, window = shares[order], window[order]
             if len(shares):
                 self._write(shares)
-            self._calls, self._asked = list(_calls(shares, window)), asked
+            self._calls, self._asked = list(calls_of(shares, window)), asked
         return self._calls
 
     def bind(self) -> None:
@@ -125,7 +125,7 @@ def shares_of(first: I64, count: I64, level: I64) -> npt.NDArray[np.void]:
     return shares
 
 
-def _calls(shares: npt.NDArray[np.void], window: npt.NDArray[np.integer]) -> Iterator[Call]:
+def calls_of(shares: npt.NDArray[np.void], window: npt.NDArray[np.integer]) -> Iterator[Call]:
     """Cut shares, in the order of their windows, into calls."""
     edges = np.flatnonzero(np.diff(window)) + 1
     for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(shares)], strict=True):

@@ -20,9 +20,7 @@ Bool = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 GAP = 3 * 256  # indices of ruled out pieces that are drawn along rather than beginning another draw
-VERTEX_GAP = (
-    LINE_GROUP  # vertices of ruled out pieces that are projected along: a work group takes so many at once
-)
+VERTEX_GAP = LINE_GROUP  # vertices of ruled out pieces that are projected along: a work group's
 INDEX_BYTES = 4
 OFFSET_ALIGNMENT = (
     256  # [byte] of what is bound to a storage block: the most that OpenGL allows a driver to ask for

@@ -92,15 +92,14 @@ class SlotBuilder:
             if not self._begin_tile(tile, frame):
                 return None
             passes = self._frames.tile_passes(frame, tile)
-            if self._raster.build(frame, passes, slots=self._groups * self._group):
+            built = self._raster.build(frame, passes, slots=self._groups * self._group)
+            if built:
                 shared.slots.bind()  # the residuals had the place of the packets
                 program = shared.programs.compute("group_packets.comp", group_supply())
                 program.run(line_groups(packet_total(tile)))
                 shared.ctx.memory_barrier()
-            else:
-                self._raster.rest(frame)
             counters = shared.pool.counters()
-            if int(counters["unsuited"]) > 0:
+            if not built or int(counters["unsuited"]) > 0:
                 self._raster.rest(frame)
             needed = -(-int(counters["max_depth_complexity"]) // self._group)
             if frame.unsuited or needed > MOST_SLOT_GROUPS:

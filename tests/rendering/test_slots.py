@@ -137,6 +137,12 @@ def test_longer_lists_are_linked_until_they_are_shorter_again(gl: moderngl.Conte
     assert again.tiles == 1
 
 
+def rough_seen() -> tuple[Scene, Camera]:
+    """Some lists of it are no chains."""
+    volume = VOLUMES["rough"]()
+    return scene_of(volume, 1), camera_of(volume, "orthographic")
+
+
 def clear_scene() -> Scene:
     """Two tents and nothing else, in pieces: nothing is visible between the tents, nor on the faces of the box."""
     volume = sample_field(nucleon_like(), (25, 25, 25), lower=(0.0,) * 3, upper=(40.0,) * 3)
@@ -228,8 +234,7 @@ def test_as_many_slots_are_begun_with_as_the_picture_before_needed(gl: moderngl.
 
 
 def test_a_few_broken_lists_find_room_in_any_budget(gl: moderngl.Context) -> None:
-    scene = scene_of(VOLUMES["rough"](), 1)
-    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    scene, camera = rough_seen()
     for kibibytes in range(100, 420, 30):
         look = replace(SLOTTED, fragment_budget_bytes=kibibytes << 10)
         with ABuffer(gl, scene) as abuffer:
@@ -240,8 +245,7 @@ def test_a_few_broken_lists_find_room_in_any_budget(gl: moderngl.Context) -> Non
 def test_where_too_many_lists_are_no_chains_a_picture_is_linked_and_some_that_follow(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = scene_of(VOLUMES["rough"](), 1)
-    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    scene, camera = rough_seen()
     look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
     with ABuffer(gl, scene) as abuffer:
         expected, whole = abuffer.render(camera, SIZE, look)
@@ -260,8 +264,7 @@ def test_where_too_many_lists_are_no_chains_a_picture_is_linked_and_some_that_fo
 def test_a_strip_whose_lists_find_no_room_is_linked_and_so_are_those_after_it(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = scene_of(VOLUMES["rough"](), 1)
-    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    scene, camera = rough_seen()
     tight = replace(SLOTTED, fragment_budget_bytes=1 << 19)
     spill, asked, done = SlotResolve._spill, [], []
 
@@ -285,8 +288,7 @@ def test_a_strip_whose_lists_find_no_room_is_linked_and_so_are_those_after_it(
 def test_slots_are_tried_again_with_a_larger_budget(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene = scene_of(VOLUMES["rough"](), 1)
-    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    scene, camera = rough_seen()
     look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
     with ABuffer(gl, scene) as abuffer:
         with monkeypatch.context() as patched:
@@ -311,8 +313,7 @@ def test_lists_that_would_take_many_strips_are_linked(
 
 
 def test_a_lit_picture_after_a_larger_one_keeps_to_the_budget(gl: moderngl.Context) -> None:
-    scene = scene_of(VOLUMES["rough"](), 1)
-    camera = camera_of(VOLUMES["rough"](), "orthographic")
+    scene, camera = rough_seen()
     with ABuffer(gl, scene) as abuffer:
         held = abuffer.render(camera, (96, 96), SLOTTED)[1].pool_bytes
         for edge in (96, 80, 64, 48):
