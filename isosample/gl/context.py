@@ -6,7 +6,7 @@ import os
 import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from isosample.errors import OpenGLError
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import moderngl
+
+    from isosample.gl.functions import Functions
 
 BACKEND_VARIABLE = "ISOSAMPLE_GL_BACKEND"
 REQUIRED_VERSION = 450  # OpenGL 4.5: storage buffers, compute, image atomics, direct state access
@@ -34,6 +36,7 @@ class Limits:
     subpixel_bits: int  # of the grid to which vertices are moved before they are rasterised
     texture_size: int  # edge of a 2D texture [pixel]
     texture_3d_size: int  # edge of a 3D texture [voxel]
+    buffer_texels: int  # of a buffer that is read as an image
     fragment_storage_blocks: int
     compute_storage_blocks: int
     work_group_count: tuple[int, int, int]
@@ -58,18 +61,32 @@ def create_context() -> moderngl.Context:
     OpenGLError
         If there is none; one line: what failed and what to install.
     """
+    import glcontext
     import moderngl
 
+    from isosample.gl.functions import Functions
+
     backend = os.environ.get(BACKEND_VARIABLE, "egl")
-    settings: dict[str, Any] = {} if backend == "platform" else {"backend": backend}
     try:
-        return moderngl.create_context(require=REQUIRED_VERSION, standalone=True, **settings)
+        create = (
+            glcontext.default_backend() if backend == "platform" else glcontext.get_backend_by_name(backend)
+        )
+        native = create(glversion=REQUIRED_VERSION, mode="standalone")
+        context = moderngl.create_context(require=REQUIRED_VERSION, standalone=True, context=native)
     except Exception as error:  # the binding raises bare Exception for a library or device that is not there
         reason = " ".join(str(error).split()) or type(error).__name__
         raise OpenGLError(
             f"no OpenGL {REQUIRED_VERSION // 100}.{REQUIRED_VERSION // 10 % 10} context by backend "
             f"{backend!r}: {reason}. {REMEDY}"
         ) from error
+    context.extra = Functions(native.load)
+    return context
+
+
+def functions(ctx: moderngl.Context) -> Functions:
+    """Functions that the binding does not offer, of a context that `create_context` made."""
+    found: Functions = ctx.extra
+    return found
 
 
 def limits(ctx: moderngl.Context) -> Limits:
@@ -93,6 +110,7 @@ def limits(ctx: moderngl.Context) -> Limits:
         subpixel_bits=info["GL_SUBPIXEL_BITS"],
         texture_size=info["GL_MAX_TEXTURE_SIZE"],
         texture_3d_size=info["GL_MAX_3D_TEXTURE_SIZE"],
+        buffer_texels=info["GL_MAX_TEXTURE_BUFFER_SIZE"],
         fragment_storage_blocks=info["GL_MAX_FRAGMENT_SHADER_STORAGE_BLOCKS"],
         compute_storage_blocks=info["GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS"],
         work_group_count=info["GL_MAX_COMPUTE_WORK_GROUP_COUNT"],

@@ -24,6 +24,7 @@ _TYPE_NAMES = {
     0x8DC2: "samplerBuffer", 0x8DD0: "isamplerBuffer", 0x8DD8: "usamplerBuffer",
     0x904D: "image2D", 0x904E: "image3D", 0x9058: "iimage2D", 0x9059: "iimage3D",
     0x9063: "uimage2D", 0x9064: "uimage3D",
+    0x9051: "imageBuffer", 0x905C: "iimageBuffer", 0x9067: "uimageBuffer",
 }  # fmt: skip
 
 

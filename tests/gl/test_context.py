@@ -44,6 +44,7 @@ def test_limits_reach_the_minima_of_the_opengl_4_5_specification(gl: moderngl.Co
     assert min(offered.framebuffer_size) >= 16384
     assert offered.texture_size >= 16384
     assert offered.texture_3d_size >= 2048
+    assert offered.buffer_texels >= 65536
     assert offered.fragment_storage_blocks >= 8
     assert offered.compute_storage_blocks >= 8
     assert min(offered.work_group_count) >= 65535
