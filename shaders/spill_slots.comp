@@ -14,6 +14,7 @@ layout(std430, binding = BINDING_COUNTERS) buffer CounterBlock { Counters counte
 layout(std430, binding = BINDING_PACKETS) readonly buffer Packets { uint packets[]; };
 
 #include "pass/nodes.glsl"
+#include "pass/new_node.glsl"
 #include "pass/packets.glsl"
 #include "pass/slots.glsl"
 
@@ -26,7 +27,7 @@ void main() {
     uint first = atomicAdd(counters.spilled, length);
     uint number = 0u;
     do {
-        ivec2 texel = slot_place(packet_of(in_tile), number, place_of(in_tile));
+        int texel = slot_place(packet_of(in_tile), number, place_of(in_tile));
         uvec2 slot = imageLoad(slots, texel).xy;
 #if SHADING
         uint normal = imageLoad(slot_normals, texel).x;
@@ -34,7 +35,7 @@ void main() {
         uint normal = NO_NORMAL;
 #endif
         uint next = number + 1u < length ? first + number + 1u : LIST_END;
-        store_node(first + number, Node(next, uintBitsToFloat(slot.x), slot.y, normal));
+        store_new_node(first + number, Node(next, uintBitsToFloat(slot.x), slot.y, normal));
         ++number;
     } while (number < length);
     heads[pixel] = first | BROKEN_LIST;

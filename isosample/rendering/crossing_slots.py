@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from isosample.gl.buffer_image import BufferImage, texel_bytes
 from isosample.gl.context import limits
 from isosample.gl.memory import with_room
-from isosample.rendering.fragment_pool import row_bytes
+from isosample.rendering.fragment_pool import step_bytes
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.stage import LINE_GROUP, MOST_GROUPS
 from isosample.rendering.supplies import storage_bindings
@@ -35,7 +36,7 @@ CLASSES = (
     (16, 16),
 )
 MOST_SLOT_GROUPS = CLASSES[-1][1]  # of slots: what the last class takes
-SLOT_WORDS = {"slots": 2, "slot_normals": 1}  # of a crossing, by image; normals are those of lit pictures
+SLOT_TEXELS = {"slots": "rg32ui", "slot_normals": "r32ui"}  # by image; normals are those of lit pictures
 MOST_PIXELS = MOST_GROUPS * LINE_GROUP  # of a tile: one call of a shader takes all of them
 WORD = 4  # bytes
 NODE_SHARE = 1 / 8  # of the budget is kept for the nodes of lists that are no chains
@@ -43,7 +44,7 @@ REMEDY = "Render with RenderSettings(build_stage=BuildStage.FRAGMENT), which nee
 
 
 class CrossingSlots:
-    """Images of the slots, and the packets of pixels by the longest of their lists.
+    """The slots, and the packets of pixels by the longest of their lists.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class CrossingSlots:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._images: dict[str, moderngl.Texture] = {}
+        self._images: dict[str, BufferImage] = {}
         self._packets: moderngl.Buffer | None = None
         self._tile_packets = 0
 
@@ -66,24 +67,21 @@ class CrossingSlots:
 
     @property
     def size_bytes(self) -> int:
-        """Memory of the images."""
-        row = shared_constants()["SLOT_ROW"]
-        return sum(WORD * image.components * row * image.height for image in self._images.values())
+        """Memory of the slots."""
+        return sum(image.size for image in self._images.values())
 
     def bytes_with(self, tile: Tile, groups: int, *, lit: bool) -> int:
-        """Memory of the images once there is room for groups of slots of every pixel of a tile, and what is held."""
-        row = WORD * shared_constants()["SLOT_ROW"]
-        needed = slot_rows(tile, groups)
-        heights = {name: image.height for name, image in self._images.items()}
+        """Memory of the slots once there is room for groups of them for every pixel of a tile, and what is held."""
+        sizes = {name: image.size for name, image in self._images.items()}
         for name in image_names(lit=lit):
-            heights[name] = max(heights.get(name, 0), needed)
-        return sum(row * SLOT_WORDS[name] * height for name, height in heights.items())
+            needed = slot_count(tile, groups) * texel_bytes(SLOT_TEXELS[name])
+            sizes[name] = max(sizes.get(name, 0), needed)
+        return sum(sizes.values())
 
     def most_rows(self, width: int, groups: int, *, lit: bool, budget_bytes: int) -> int:
         """Rows of a tile `width` pixels wide whose slots fit the budget and the driver; whole packets of them.
 
-        There is then room for some of the lists as linked ones in the fragment pool, too. Both come in whole rows of
-        their images.
+        There is then room for some of the lists as linked ones in the fragment pool, too, which grows in whole steps.
         """
         constants = shared_constants()
         row = _packets(width, constants["PACKET_WIDTH"]) * constants["PACKET_PIXELS"] * groups
@@ -100,10 +98,9 @@ class CrossingSlots:
             If the driver has no room.
         """
         self._tile_packets = packet_total(tile)
-        rows = slot_rows(tile, groups)
         self._release_above(self._most_crossings(lit=lit, budget_bytes=budget_bytes), lit=lit)
         for name in image_names(lit=lit):
-            self._reserve(name, rows)
+            self._reserve(name, slot_count(tile, groups))
         size = WORD * (len(CLASSES) * (1 + self._tile_packets) + tile.pixel_count)
         if self._packets is None or self._packets.size < size:
             if self._packets is not None:
@@ -114,9 +111,11 @@ class CrossingSlots:
         self._packets.write(np.zeros(len(CLASSES), dtype=np.uint32))
 
     def bind(self) -> None:
-        """Bind the images and the packets."""
+        """Bind the slots and the packets."""
         for name, image in self._images.items():
-            image.bind_to_image(shared_constants()[f"BINDING_{name.upper()}"], read=True, write=True)
+            image.bind_image(shared_constants()[f"BINDING_{name.upper()}"])
+        if self._images:
+            self._images["slots"].bind_storage(storage_bindings()["SlotStore"])
         if self._packets is not None:
             self._packets.bind_to_storage_buffer(storage_bindings()["Packets"])
 
@@ -127,30 +126,28 @@ class CrossingSlots:
         return [(len(CLASSES) + i * self._tile_packets, count) for i, count in enumerate(counts)]
 
     def _most_crossings(self, *, lit: bool, budget_bytes: int) -> int:
-        crossing = crossing_bytes(lit=lit)
-        row = shared_constants()["SLOT_ROW"]
-        nodes = max(int(NODE_SHARE * budget_bytes), row_bytes())
-        room = max(budget_bytes - row * crossing - nodes, 0)
-        return min(room // crossing, limits(self._ctx).texture_size * row)
+        nodes = max(int(NODE_SHARE * budget_bytes), step_bytes())
+        room = max(budget_bytes - nodes, 0)
+        return min(room // crossing_bytes(lit=lit), limits(self._ctx).buffer_texels)
 
     def _release_above(self, crossings: int, *, lit: bool) -> None:
-        """Free images that are left of a picture with a larger budget, or with light."""
-        most = -(-crossings // shared_constants()["SLOT_ROW"])
+        """Free what is left of a picture with a larger budget, or with light."""
         for name, image in list(self._images.items()):
-            if image.height > most or (name == "slot_normals" and not lit):
+            too_large = image.size > crossings * texel_bytes(SLOT_TEXELS[name])
+            if too_large or (name == "slot_normals" and not lit):
                 self._images.pop(name).release()
 
-    def _reserve(self, name: str, rows: int) -> None:
+    def _reserve(self, name: str, slots: int) -> None:
+        texel = SLOT_TEXELS[name]
+        size = slots * texel_bytes(texel)
         held = self._images.get(name)
-        if held is not None and held.height >= rows:
+        if held is not None and held.size >= size:
             return
         if held is not None:
             self._images.pop(name).release()
-        row, components = shared_constants()["SLOT_ROW"], SLOT_WORDS[name]
         tally(POOLS)
-        image = self._ctx.texture((row, rows), components, dtype="u4")
-        room = ("slots of fragments", WORD * components * row * rows, REMEDY)
-        self._images[name] = with_room(self._ctx, image, *room)
+        image = BufferImage(self._ctx, slots, texel)
+        self._images[name] = with_room(self._ctx, image, "slots of fragments", size, REMEDY)
 
 
 def image_names(*, lit: bool) -> list[str]:
@@ -160,14 +157,13 @@ def image_names(*, lit: bool) -> list[str]:
 
 def crossing_bytes(*, lit: bool) -> int:
     """What a slot takes."""
-    return WORD * sum(SLOT_WORDS[name] for name in image_names(lit=lit))
+    return sum(texel_bytes(SLOT_TEXELS[name]) for name in image_names(lit=lit))
 
 
-def slot_rows(tile: Tile, groups: int) -> int:
-    """Rows of the images that groups of slots of every pixel of a tile take."""
+def slot_count(tile: Tile, groups: int) -> int:
+    """How many slots groups of them for every pixel of a tile are."""
     constants = shared_constants()
-    crossings = groups * constants["SLOT_GROUP"] * packet_total(tile) * constants["PACKET_PIXELS"]
-    return -(-crossings // constants["SLOT_ROW"])
+    return groups * constants["SLOT_GROUP"] * packet_total(tile) * constants["PACKET_PIXELS"]
 
 
 def packet_total(tile: Tile) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from isosample.gl.buffer_image import BufferImage
 from isosample.gl.context import limits
 from isosample.gl.memory import with_room
 from isosample.rendering.frame import shared_constants, storage_dtype
@@ -19,13 +20,14 @@ if TYPE_CHECKING:
     from isosample.rendering.tiles import Tile
 
 HEAD_BYTES = 4
+NODE_STEP = 4096  # nodes by which the pool grows
 ROOM = 1.25  # nodes asked for over those that are needed: other views of the scene then find room, too
 REMEDY = "Ask for a smaller picture, or give RenderSettings a smaller fragment_budget_bytes."
 
 
-def row_bytes() -> int:
-    """Memory of a row of nodes, by which the pool grows."""
-    return shared_constants()["NODE_ROW"] * storage_dtype("Node").itemsize
+def step_bytes() -> int:
+    """Memory of the nodes by which the pool grows."""
+    return NODE_STEP * storage_dtype("Node").itemsize
 
 
 class FragmentPool:
@@ -38,9 +40,9 @@ class FragmentPool:
 
     def __init__(self, ctx: moderngl.Context) -> None:
         self._ctx = ctx
-        self._block_bytes, self._most_rows = limits(ctx).storage_block_bytes, limits(ctx).texture_size
+        self._block_bytes, self._most_nodes = limits(ctx).storage_block_bytes, limits(ctx).buffer_texels
         self._counters = ctx.buffer(reserve=storage_dtype("Counters").itemsize)
-        self._nodes: moderngl.Texture | None = None
+        self._nodes: BufferImage | None = None
         self._heads: moderngl.Buffer | None = None
         self._filling: dict[int, npt.NDArray[np.uint32]] = {}
 
@@ -75,7 +77,7 @@ class FragmentPool:
     @property
     def size_bytes(self) -> int:
         """Memory of the nodes."""
-        return 0 if self._nodes is None else self._nodes.height * row_bytes()
+        return 0 if self._nodes is None else self._nodes.size
 
     def grow(self, node_count: int, budget_bytes: int) -> bool:
         """Make room for `node_count` nodes and some more, or for as many as the budget and the driver allow.
@@ -90,16 +92,15 @@ class FragmentPool:
         CapacityError
             If the driver has no room for what the budget allows.
         """
-        row = shared_constants()["NODE_ROW"]
-        largest = min(self._most_rows, budget_bytes // row_bytes())
-        if min(max(node_count, 1), largest * row) > self.capacity:
+        largest = min(self._most_nodes // NODE_STEP, budget_bytes // step_bytes())  # steps
+        if min(max(node_count, 1), largest * NODE_STEP) > self.capacity:
             self._free_nodes()
             tally(POOLS)
-            rows = min(max(-(-int(ROOM * node_count) // row), 1), largest)
-            nodes = self._ctx.texture((row, rows), 4, dtype="u4")
-            room = (f"{row * rows} nodes of fragment lists", rows * row_bytes(), REMEDY)
+            steps = min(max(-(-int(ROOM * node_count) // NODE_STEP), 1), largest)
+            nodes = BufferImage(self._ctx, steps * NODE_STEP, "rgba32ui")
+            room = (f"{steps * NODE_STEP} nodes of fragment lists", steps * step_bytes(), REMEDY)
             self._nodes = with_room(self._ctx, nodes, *room)
-        return node_count <= largest * row
+        return node_count <= largest * NODE_STEP
 
     def fill(self, budget_bytes: int) -> None:
         """Make room for as many nodes as the budget and the driver allow."""
@@ -120,7 +121,8 @@ class FragmentPool:
             if buffer is not None:
                 buffer.bind_to_storage_buffer(storage_bindings()[name])
         if self._nodes is not None:
-            self._nodes.bind_to_image(shared_constants()["BINDING_NODES"], read=True, write=True)
+            self._nodes.bind_image(shared_constants()["BINDING_NODES"])
+            self._nodes.bind_storage(storage_bindings()["NodeStore"])
 
     def heads(self, tile: Tile) -> npt.NDArray[np.uint32]:
         """(height · width,) uint32, the heads (or counts) of a tile, rows counted upwards."""

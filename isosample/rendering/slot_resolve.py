@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from isosample.errors import CapacityError
 from isosample.rendering.crossing_slots import CLASSES
-from isosample.rendering.fragment_pool import row_bytes
+from isosample.rendering.fragment_pool import NODE_STEP, step_bytes
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.stage import line_groups, run_interleaved
 from isosample.rendering.supplies import listed_supply, slot_supply, spill_supply
@@ -117,8 +117,7 @@ class SlotResolve:
         """Make linked lists of those that are no chains, if they fit what the slots have left of the budget."""
         shared = self._shared
         budget = frame.settings.fragment_budget_bytes - shared.slots.size_bytes
-        row = shared_constants()["NODE_ROW"]
-        wanted = max(nodes, min(LEAST_NODES, budget // row_bytes() * row))
+        wanted = max(nodes, min(LEAST_NODES, budget // step_bytes() * NODE_STEP))
         try:
             if not shared.pool.grow(wanted, budget):
                 return False

@@ -23,11 +23,13 @@ STORAGE_BLOCKS = {
     "Residuals": "RESIDUALS",
     "Packets": "PACKETS",
     "Shares": "SHARES",
+    "SlotStore": "SLOT_STORE",
+    "NodeStore": "NODE_STORE",
 }
 UNIFORM_BLOCKS = {"FrameBlock": ("FRAME", "Frame"), "RaycastBlock": ("RAYCAST", "Raycast")}
-NODES = {"nodes": "uimage2D"}
+NODES = {"nodes": "uimageBuffer"}
 TABLE = {"scene_table": "image2D"}  # bands and levels
-SLOTS = {"slots": "uimage2D", "slot_normals": "uimage2D"}
+SLOTS = {"slots": "uimageBuffer", "slot_normals": "uimageBuffer"}
 PROJECTED = {"places": "image2D", "corners": "image2D", "positions": "image2D"}
 INTERLEAVED = {"thread_count": "uint", "groups_each": "uint"}
 SHARED_OUT = {"first_share": "uint", "share_count": "uint"} | INTERLEAVED
@@ -74,7 +76,7 @@ def blocks(*names: str) -> dict[str, Block]:
 @cache
 def mesh_supply() -> Supply:
     """Of the build pass, and those that count: isosurfaces."""
-    lists = ("Heads", "CounterBlock")
+    lists = ("Heads", "CounterBlock", "NodeStore")
     return Supply(
         blocks=blocks("FrameBlock", *lists),
         uniforms={"side": "float", "level": "uint"} | NODES,
@@ -86,7 +88,7 @@ def mesh_supply() -> Supply:
 @cache
 def mask_supply() -> Supply:
     """Of the same passes: the border of the valid cells."""
-    lists = ("Heads", "CounterBlock")
+    lists = ("Heads", "CounterBlock", "NodeStore")
     return Supply(
         blocks=blocks("FrameBlock", *lists),
         uniforms={"side": "float"} | NODES,
@@ -109,9 +111,13 @@ def project_supply() -> Supply:
 def raster_supply() -> Supply:
     """Of the build pass by compute shaders: triangles."""
     return Supply(
-        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals", "Shares"),
+        blocks=blocks(
+            "FrameBlock", "Heads", "CounterBlock", "Indices", "Residuals", "Shares", "SlotStore", "NodeStore"
+        ),
         uniforms={"slot_count": "uint", "window_index": "uint"} | SHARED_OUT | PROJECTED | NODES | SLOTS,
-        optional=frozenset({"positions", "Residuals", "slot_count", *NODES, *SLOTS}),
+        optional=frozenset(
+            {"positions", "Residuals", "SlotStore", "NodeStore", "slot_count", *NODES, *SLOTS}
+        ),
     )
 
 
@@ -146,9 +152,9 @@ def slot_supply() -> Supply:
 def spill_supply() -> Supply:
     """Of the pass that makes lists of what is in slots."""
     return Supply(
-        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets"),
+        blocks=blocks("FrameBlock", "Heads", "CounterBlock", "Packets", "NodeStore"),
         uniforms=SLOTS | NODES,
-        optional=frozenset({"slot_normals"}),
+        optional=frozenset({"nodes", "slot_normals"}),
     )
 
 

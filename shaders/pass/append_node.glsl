@@ -1,6 +1,7 @@
 // Build pass into linked lists. Expects pass/build_lists.glsl.
 
 #include "pass/nodes.glsl"
+#include "pass/new_node.glsl"
 
 // Appends one node to a pixel's list. Past the capacity nothing is written, but the node is counted: the host sees
 // node_count > node_capacity and never shows such a frame.
@@ -9,5 +10,5 @@ void append_node(ivec2 pixel, float distance, uint surface, uint normal) {
     if (index >= frame.node_capacity) return;
     ivec2 place = pixel - frame.tile_origin;
     uint next = atomicExchange(heads[place.y * frame.tile_size.x + place.x], index);
-    store_node(index, Node(next, distance, surface, normal));
+    store_new_node(index, Node(next, distance, surface, normal));
 }

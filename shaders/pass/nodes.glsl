@@ -1,18 +1,16 @@
-// The fragment pool: nodes of lists as texels, which software renderers load and store several times faster than the members
-// of a storage block. A node's index counts along the rows.
+// The fragment pool: nodes of lists as texels, which software renderers load several times faster than the members of a
+// storage block.
 
-layout(rgba32ui, binding = BINDING_NODES) uniform uimage2D nodes;
+layout(rgba32ui, binding = BINDING_NODES) uniform uimageBuffer nodes;
 
-ivec2 node_place(uint index) { return ivec2(index % NODE_ROW, index / NODE_ROW); }
+uvec4 node_texel(Node node) { return uvec4(node.next_index, floatBitsToUint(node.distance), node.surface, node.normal); }
 
 Node load_node(uint index) {
-    uvec4 texel = imageLoad(nodes, node_place(index));
+    uvec4 texel = imageLoad(nodes, int(index));
     return Node(texel.x, uintBitsToFloat(texel.y), texel.z, texel.w);
 }
 
-void store_node(uint index, Node node) {
-    imageStore(nodes, node_place(index), uvec4(node.next_index, floatBitsToUint(node.distance), node.surface, node.normal));
-}
+void store_node(uint index, Node node) { imageStore(nodes, int(index), node_texel(node)); }
 
 uint next_node(uint index) { return load_node(index).next_index; }
 

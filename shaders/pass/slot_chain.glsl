@@ -11,7 +11,7 @@
 #endif
 #define LOAD_SLOT(i) run_distances[i] = BEYOND; \
     if (first + uint(i) < length) { \
-        ivec2 texel = slot_place(packet, first + uint(i), place); \
+        int texel = slot_place(packet, first + uint(i), place); \
         uvec2 slot = imageLoad(slots, texel).xy; \
         run_distances[i] = uintBitsToFloat(slot.x); run_surfaces[i] = slot.y; LOAD_SLOT_NORMAL(i) }
 

@@ -3,13 +3,12 @@
 // Heads hold how many crossings a pixel has, less one, so that LIST_END is none.
 // Expects `frame`, pass/packets.glsl and the constant SHADING.
 
-layout(rg32ui, binding = BINDING_SLOTS) uniform uimage2D slots;       // distance and surface, as in struct Node
+layout(rg32ui, binding = BINDING_SLOTS) uniform uimageBuffer slots;   // distance and surface, as in struct Node
 #if SHADING
-layout(r32ui, binding = BINDING_SLOT_NORMALS) uniform uimage2D slot_normals;
+layout(r32ui, binding = BINDING_SLOT_NORMALS) uniform uimageBuffer slot_normals;
 #endif
 
 // Where the crossing of a number is, of the pixel at a place of a packet.
-ivec2 slot_place(uint packet, uint number, uint place) {
-    uint index = (number * packet_total() + packet) * PACKET_PIXELS + place;
-    return ivec2(index % SLOT_ROW, index / SLOT_ROW);
+int slot_place(uint packet, uint number, uint place) {
+    return int((number * packet_total() + packet) * PACKET_PIXELS + place);
 }

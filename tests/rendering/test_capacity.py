@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from isosample.errors import CapacityError, LostFragmentsError
-from isosample.gl.context import is_software
+from isosample.gl import buffer_image
+from isosample.gl.context import is_software, limits
 from isosample.rendering import resolve_pass
 from isosample.rendering.abuffer import ABuffer
 from isosample.rendering.camera import Camera, Projection
-from isosample.rendering.fragment_pool import ROOM
+from isosample.rendering.fragment_pool import NODE_STEP, ROOM
 from isosample.rendering.frame import shared_constants
 from isosample.rendering.scene import LevelRange, Scene
 from isosample.rendering.settings import BuildStage, RenderSettings, ResolveStage
@@ -238,10 +239,27 @@ def test_the_pool_is_kept_from_frame_to_frame_and_grows_when_needed(gl: moderngl
         _, first = abuffer.render(camera, (32, 32), LINKED)
         _, larger = abuffer.render(camera, (64, 64), LINKED)
         _, again = abuffer.render(camera, (32, 32), LINKED)
-    row = shared_constants()["NODE_ROW"] * NODE_BYTES
-    assert first.pool_bytes == math.ceil(int(ROOM * first.fragments) * NODE_BYTES / row) * row
+    step = NODE_STEP * NODE_BYTES
+    assert first.pool_bytes == math.ceil(int(ROOM * first.fragments) * NODE_BYTES / step) * step
     assert larger.pool_bytes == again.pool_bytes >= larger.fragments * NODE_BYTES
     assert again.fragments == first.fragments
+
+
+@pytest.mark.parametrize("build_stage", [BuildStage.FRAGMENT, BuildStage.COMPUTE])
+def test_the_pool_may_be_larger_than_a_storage_block(
+    gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, build_stage: BuildStage
+) -> None:
+    scene, camera = translucent_scene()
+    look = RenderSettings(build_stage=build_stage, stage=ResolveStage.FRAGMENT)  # linked lists
+    with ABuffer(gl, scene) as abuffer:
+        expected, _ = abuffer.render(camera, (64, 64), look)
+    heads_alone = replace(limits(gl), storage_block_bytes=4 * 64 * 64)
+    monkeypatch.setattr(buffer_image, "limits", lambda _: heads_alone)
+    with ABuffer(gl, scene) as abuffer:
+        found, told = abuffer.render(camera, (64, 64), look)
+    assert told.pool_bytes > 2 * heads_alone.storage_block_bytes
+    assert told.tiles == 1
+    assert np.array_equal(found, expected)
 
 
 def test_a_smaller_budget_holds_after_a_picture_with_a_larger_one(gl: moderngl.Context) -> None:
