@@ -13,6 +13,7 @@ import isosample
 from isosample.surfaces.cache import content_hash, load_cache, write_cache
 from isosample.surfaces.extract import extract_surfaces
 
+LARGE = ("carp",)  # scans that take longer than all others together
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 sys.path.insert(0, str(EXAMPLES))
 from gallery import SCENES, SETTINGS, Scene, render_scene  # noqa: E402
@@ -60,7 +61,10 @@ def test_every_transfer_function_has_a_scene() -> None:
 
 @pytest.mark.gl
 @pytest.mark.volumes
-@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
+@pytest.mark.parametrize(
+    "scene",
+    [pytest.param(one, marks=[pytest.mark.slow] if one.name in LARGE else [], id=one.name) for one in SCENES],
+)
 def test_a_scan_renders_with_its_transfer_function_and_adds_up(scene: Scene, real_volumes: Path) -> None:
     size = (800, 800) if scene.name in {"nucleon", "aneurism", "vessels_mra", "hydrogenatom"} else (200, 200)
     image = render_scene(scene, real_volumes, size)

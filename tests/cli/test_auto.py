@@ -225,7 +225,7 @@ SLOW = "isosample: note: about 2 min are estimated, most of them for isosurfaces
         ("--per-slope 3", "pre-integrated", False),  # of isosurfaces
         ("--refine 2", "pre-integrated", False),
         ("--cache meshes", "pre-integrated", False),
-        ("--tolerance 1/16", "pre-integrated", False),
+        pytest.param("--tolerance 1/16", "pre-integrated", False, marks=pytest.mark.slow),
         ("--turntable 2", "pre-integrated", False),
         ("--reconstruction cubic", "pre-integrated", False),
     ],

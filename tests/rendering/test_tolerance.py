@@ -191,6 +191,7 @@ def test_refinement_is_used_where_the_mesh_errs() -> None:
     np.testing.assert_array_equal(plan.surfaces.isovalues, plan.plan.isovalues)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl")
 def test_a_plan_for_light_tells_what_the_lit_pictures_err() -> None:
     """Recomputed from the library's own pictures: float32, and the truth's thousandth of the tolerance, apart."""
