@@ -30,12 +30,14 @@ if TYPE_CHECKING:
 PER_SLOPE = (0.0, 1.0, 2.0, 4.0, 8.0)
 SCAN_PER_SLOPE = (0.0, 1.0, 2.0)  # of a scan: what is left of the error is then the meshes'
 REFINED_PER_SLOPE = (2.0, 4.0, 8.0)
+REFINED_COARSER_PER_SLOPE = (1.0, 2.0)  # with fewer or more what is left is not the meshes', or takes longer than steps
 REFINEMENTS = (1.0, 2.0, 4.0)
 STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 NARROW_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of VTK for a near-Dirac peak, which it samples in vain
 ONE_STEP = (4.0,)  # its picture does not depend on the step
 DATA_CENTRIC, REFINED = "data-centric", "data-centric, triangles divided by 2"
 COARSER = "data-centric, coarser details"
+REFINED_COARSER = f"{REFINED}, coarser details, 1/8 pixel"  # divided only where that shows
 # By the largest screen error [pixel]: curved triangles are about as good as flat ones with half of it.
 LOOKS = {
     DATA_CENTRIC: RenderSettings(screen_error=0.0),
@@ -62,7 +64,12 @@ def makers_of(scene: RaycastScene, size: int) -> Makers:
         surfaces = _Surfaces(scene, size)
         for name, look in LOOKS.items():
             found[name] = (partial(surfaces.frames, look), counts)
-        if sampled:  # four times the triangles of a scan take longer than any step
+        divided = _Surfaces(scene, size, refine=2)
+        found[REFINED_COARSER] = (
+            partial(divided.frames, RenderSettings(screen_error=1 / 8)),
+            REFINED_COARSER_PER_SLOPE,
+        )
+        if sampled:  # four times the triangles of a scan, all of them, take longer than any step
             found[REFINED] = (
                 lambda count: SurfaceFrames.of_scene(scene, size, Quality(per_slope=int(count), refine=2)),
                 REFINED_PER_SLOPE,
@@ -103,9 +110,10 @@ def casters_for(scene: RaycastScene) -> list[str]:
 class _Surfaces:
     """Frames of a scene's surfaces with all details, which are extracted once for all that show them."""
 
-    def __init__(self, scene: RaycastScene, size: int) -> None:
+    def __init__(self, scene: RaycastScene, size: int, *, refine: int = 1) -> None:
         self._scene = scene
         self._size = size
+        self._refine = refine
         self._count = -1
         self._prepared: PreparedSurfaces | None = None
 
@@ -113,7 +121,7 @@ class _Surfaces:
         """Frames with so many isovalues per slope."""
         if self._prepared is None or self._count != int(count):
             self._prepared, self._count = None, int(count)
-            quality = Quality(per_slope=self._count, details=MOST_DETAILS)
+            quality = Quality(per_slope=self._count, refine=self._refine, details=MOST_DETAILS)
             self._prepared = prepare_surfaces(self._scene.volume, self._scene.transfer_function, quality)
         return SurfaceFrames(
             self._prepared.surfaces, self._prepared.plan, self._scene.camera, self._size, look
