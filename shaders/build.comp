@@ -19,6 +19,9 @@
 #ifndef SLOTS
 #error "SLOTS: 1 puts crossings into slots of their pixel, 0 into its linked list"
 #endif
+#ifndef BEYOND_BLOCK
+#error "BEYOND_BLOCK: 1 where the slots or nodes take more than a storage block, else 0"
+#endif
 #ifndef PERSPECTIVE
 #error "PERSPECTIVE: 1 interpolates along lines that meet in the eye, 0 along parallel ones"
 #endif

@@ -14,6 +14,9 @@
 #ifndef RESIDUAL
 #error "RESIDUAL: 1 stores the mesh's error in place of the normal, 0 does not"
 #endif
+#ifndef BEYOND_BLOCK
+#error "BEYOND_BLOCK: 1 where the nodes take more than a storage block, else 0"
+#endif
 
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"

@@ -4,6 +4,9 @@
 #ifndef SUBPIXEL_BITS
 #error "SUBPIXEL_BITS: to how many bits of a pixel the rasteriser rounds the vertices"
 #endif
+#ifndef BEYOND_BLOCK
+#error "BEYOND_BLOCK: 1 where the nodes take more than a storage block, else 0"
+#endif
 
 #include "lib/layouts.glsl"
 #include "lib/ray.glsl"

@@ -4,6 +4,9 @@
 #ifndef SHADING
 #error "SHADING: 1 keeps the normals, 0 does not"
 #endif
+#ifndef BEYOND_BLOCK
+#error "BEYOND_BLOCK: 1 where the nodes take more than a storage block, else 0"
+#endif
 
 #include "lib/layouts.glsl"
 

@@ -51,7 +51,7 @@ def versions() -> dict[str, str]:
     """Return the versions of what rendering rests on."""
     from importlib.metadata import version
 
-    packages = ("isosample", "numpy", "moderngl")
+    packages = ("isosample", "numpy", "moderngl", "glcontext")
     return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 

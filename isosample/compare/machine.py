@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "numba", "moderngl", "scikit-image", "flip-evaluator")
+PACKAGES = ("numpy", "scipy", "numba", "moderngl", "glcontext", "scikit-image", "flip-evaluator")
 
 
 def describe_machine() -> dict[str, Any]:

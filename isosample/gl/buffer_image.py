@@ -29,23 +29,33 @@ class BufferImage:
     ----------
     ctx : moderngl.Context
         Made by `isosample.gl.context.create_context`; an error is left pending if the driver has no room.
-    texels : int
+    texel_count : int
         At most ``Limits.buffer_texels``.
     texel : str
         Their format, as `texel_bytes` takes it.
+
+    Raises
+    ------
+    OpenGLError
+        If the context was made by another.
     """
 
-    def __init__(self, ctx: moderngl.Context, texels: int, texel: str) -> None:
+    def __init__(self, ctx: moderngl.Context, texel_count: int, texel: str) -> None:
         self._functions = functions(ctx)
         self._block_bytes = limits(ctx).storage_block_bytes
-        self._format, size = _FORMATS[texel][0], texels * texel_bytes(texel)
-        self._buffer = ctx.buffer(reserve=size)
+        self._format = _FORMATS[texel][0]
+        self._buffer = ctx.buffer(reserve=texel_count * texel_bytes(texel))
         self._texture = self._functions.create_buffer_texture(self._format, self._buffer.glo)
 
     @property
-    def size(self) -> int:
-        """Bytes."""
+    def size_bytes(self) -> int:
+        """All of it."""
         return int(self._buffer.size)
+
+    @property
+    def beyond_block(self) -> bool:
+        """Whether a storage block has a part of it alone."""
+        return self.size_bytes > self._block_bytes
 
     def bind_image(self, unit: int) -> None:
         """Bind all texels to an image unit, to be read and written."""
@@ -53,7 +63,7 @@ class BufferImage:
 
     def bind_storage(self, binding: int) -> None:
         """Bind the words to a storage block: from the first one on as many as the driver allows."""
-        self._buffer.bind_to_storage_buffer(binding, size=min(self.size, self._block_bytes))
+        self._buffer.bind_to_storage_buffer(binding, size=min(self.size_bytes, self._block_bytes))
 
     def read(self) -> bytes:
         """All words."""
@@ -63,4 +73,5 @@ class BufferImage:
     def release(self) -> None:
         """Free it."""
         self._functions.delete_texture(self._texture)
+        self._texture = 0  # that of none
         self._buffer.release()

@@ -47,7 +47,7 @@ class Limits:
 def create_context() -> moderngl.Context:
     """Create a headless OpenGL 4.5 core context, made current.
 
-    EGL is used unless the environment variable ``ISOSAMPLE_GL_BACKEND`` names another backend of the binding;
+    EGL is used unless the environment variable ``ISOSAMPLE_GL_BACKEND`` names another backend of glcontext;
     ``platform`` stands for the platform's own (X11, WGL, CGL; the first needs a display). Among several EGL
     devices ``GLCONTEXT_DEVICE_INDEX`` chooses one.
 
@@ -67,25 +67,40 @@ def create_context() -> moderngl.Context:
     from isosample.gl.functions import Functions
 
     backend = os.environ.get(BACKEND_VARIABLE, "egl")
+    native = None
     try:
         create = (
             glcontext.default_backend() if backend == "platform" else glcontext.get_backend_by_name(backend)
         )
         native = create(glversion=REQUIRED_VERSION, mode="standalone")
         context = moderngl.create_context(require=REQUIRED_VERSION, standalone=True, context=native)
-    except Exception as error:  # the binding raises bare Exception for a library or device that is not there
+        context.extra = Functions(native.load)
+    except Exception as error:  # both raise bare Exception for a library, device or version that is not there
+        if native is not None:
+            native.release()
         reason = " ".join(str(error).split()) or type(error).__name__
         raise OpenGLError(
             f"no OpenGL {REQUIRED_VERSION // 100}.{REQUIRED_VERSION // 10 % 10} context by backend "
             f"{backend!r}: {reason}. {REMEDY}"
         ) from error
-    context.extra = Functions(native.load)
     return context
 
 
 def functions(ctx: moderngl.Context) -> Functions:
-    """Functions that the binding does not offer, of a context that `create_context` made."""
-    found: Functions = ctx.extra
+    """Functions that the binding does not offer.
+
+    Raises
+    ------
+    OpenGLError
+        If the context is not one that `create_context` made.
+    """
+    from isosample.gl.functions import Functions
+
+    found = ctx.extra
+    if not isinstance(found, Functions):
+        raise OpenGLError(
+            "this OpenGL context is another program's; make one by isosample.gl.context.create_context."
+        )
     return found
 
 

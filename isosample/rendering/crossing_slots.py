@@ -68,13 +68,18 @@ class CrossingSlots:
     @property
     def size_bytes(self) -> int:
         """Memory of the slots."""
-        return sum(image.size for image in self._images.values())
+        return sum(image.size_bytes for image in self._images.values())
+
+    @property
+    def constants(self) -> dict[str, int]:
+        """Of the shaders that fill slots."""
+        return {"BEYOND_BLOCK": int(self._images["slots"].beyond_block)}
 
     def bytes_with(self, tile: Tile, groups: int, *, lit: bool) -> int:
         """Memory of the slots once there is room for groups of them for every pixel of a tile, and what is held."""
-        sizes = {name: image.size for name, image in self._images.items()}
+        sizes = {name: image.size_bytes for name, image in self._images.items()}
         for name in image_names(lit=lit):
-            needed = slot_count(tile, groups) * texel_bytes(SLOT_TEXELS[name])
+            needed = slot_total(tile, groups) * texel_bytes(SLOT_TEXELS[name])
             sizes[name] = max(sizes.get(name, 0), needed)
         return sum(sizes.values())
 
@@ -100,7 +105,7 @@ class CrossingSlots:
         self._tile_packets = packet_total(tile)
         self._release_above(self._most_crossings(lit=lit, budget_bytes=budget_bytes), lit=lit)
         for name in image_names(lit=lit):
-            self._reserve(name, slot_count(tile, groups))
+            self._reserve(name, slot_total(tile, groups))
         size = WORD * (len(CLASSES) * (1 + self._tile_packets) + tile.pixel_count)
         if self._packets is None or self._packets.size < size:
             if self._packets is not None:
@@ -133,7 +138,7 @@ class CrossingSlots:
     def _release_above(self, crossings: int, *, lit: bool) -> None:
         """Free what is left of a picture with a larger budget, or with light."""
         for name, image in list(self._images.items()):
-            too_large = image.size > crossings * texel_bytes(SLOT_TEXELS[name])
+            too_large = image.size_bytes > crossings * texel_bytes(SLOT_TEXELS[name])
             if too_large or (name == "slot_normals" and not lit):
                 self._images.pop(name).release()
 
@@ -141,7 +146,7 @@ class CrossingSlots:
         texel = SLOT_TEXELS[name]
         size = slots * texel_bytes(texel)
         held = self._images.get(name)
-        if held is not None and held.size >= size:
+        if held is not None and held.size_bytes >= size:
             return
         if held is not None:
             self._images.pop(name).release()
@@ -160,7 +165,7 @@ def crossing_bytes(*, lit: bool) -> int:
     return sum(texel_bytes(SLOT_TEXELS[name]) for name in image_names(lit=lit))
 
 
-def slot_count(tile: Tile, groups: int) -> int:
+def slot_total(tile: Tile, groups: int) -> int:
     """How many slots groups of them for every pixel of a tile are."""
     constants = shared_constants()
     return groups * constants["SLOT_GROUP"] * packet_total(tile) * constants["PACKET_PIXELS"]

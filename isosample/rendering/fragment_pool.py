@@ -77,7 +77,12 @@ class FragmentPool:
     @property
     def size_bytes(self) -> int:
         """Memory of the nodes."""
-        return 0 if self._nodes is None else self._nodes.size
+        return 0 if self._nodes is None else self._nodes.size_bytes
+
+    @property
+    def constants(self) -> dict[str, int]:
+        """Of the shaders that append nodes."""
+        return {"BEYOND_BLOCK": int(self._nodes is not None and self._nodes.beyond_block)}
 
     def grow(self, node_count: int, budget_bytes: int) -> bool:
         """Make room for `node_count` nodes and some more, or for as many as the budget and the driver allow.

@@ -161,8 +161,9 @@ class ListBuilder:
             self._shared.pool.clear_lists(tile)
             self._shared.bind(tile, frame)
             edges = {"SUBPIXEL_BITS": limits(self._shared.ctx).subpixel_bits}
-            constants = frame.build_constants | edges
-            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants, edges)
+            common = edges | self._shared.pool.constants
+            constants = frame.build_constants | common
+            rasterised = self._draw("build.frag", "build_mask.frag", tile, frame, constants, common)
             self._shared.ctx.memory_barrier()
             return self._shared.pool.counters(), rasterised, False
 

@@ -124,7 +124,8 @@ class SlotResolve:
         except CapacityError:  # of the driver: linked lists have the slots' room, too
             return False
         shared.bind(tile, frame)
-        program = shared.programs.compute("spill_slots.comp", spill_supply(), SHADING=frame.shading)
+        constants = {"SHADING": frame.shading, **shared.pool.constants}
+        program = shared.programs.compute("spill_slots.comp", spill_supply(), **constants)
         program.run(line_groups(lists))
         shared.ctx.memory_barrier()
         return True

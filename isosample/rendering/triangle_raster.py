@@ -206,6 +206,7 @@ class TriangleRaster:
         """Rasterise the triangles of a batch."""
         constants = {
             **frame.build_constants,
+            **(self._shared.slots if slots else self._shared.pool).constants,
             "PERSPECTIVE": int(frame.block[0]["perspective"] != 0.0),
             "SUBPIXEL_BITS": SUBPIXEL_BITS,
             "SLOTS": int(slots > 0),

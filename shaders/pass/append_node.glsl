@@ -1,4 +1,4 @@
-// Build pass into linked lists. Expects pass/build_lists.glsl.
+// Build pass into linked lists. Expects pass/build_lists.glsl and the constant BEYOND_BLOCK.
 
 #include "pass/nodes.glsl"
 #include "pass/new_node.glsl"

@@ -1,4 +1,4 @@
-// Build pass into slots. Expects pass/build_lists.glsl and the constant SHADING.
+// Build pass into slots. Expects pass/build_lists.glsl and the constants SHADING and BEYOND_BLOCK.
 
 #include "pass/packets.glsl"
 #include "pass/slots.glsl"
@@ -16,8 +16,11 @@ void append_node(ivec2 pixel, float distance, uint surface, uint normal) {
     uint number = atomicAdd(heads[in_tile.y * frame.tile_size.x + in_tile.x], 1u) + 1u;
     if (number >= slot_count) return;
     int texel = slot_place(packet_of(in_tile), number, place_of(in_tile));
-    if (texel < slot_store.length()) slot_store[texel] = uvec2(floatBitsToUint(distance), surface);
-    else imageStore(slots, texel, uvec4(floatBitsToUint(distance), surface, 0u, 0u));
+#if BEYOND_BLOCK
+    if (texel >= slot_store.length()) imageStore(slots, texel, uvec4(floatBitsToUint(distance), surface, 0u, 0u));
+    else
+#endif
+    slot_store[texel] = uvec2(floatBitsToUint(distance), surface);
 #if SHADING
     imageStore(slot_normals, texel, uvec4(normal, 0u, 0u, 0u));
 #endif

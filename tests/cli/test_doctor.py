@@ -31,7 +31,7 @@ def test_json_has_driver_checks_and_versions(run: Run) -> None:
     assert found["usable"] is True
     assert found["driver"]["renderer"]
     assert all(check["passed"] for check in found["checks"])
-    assert found["versions"].keys() == {"python", "isosample", "numpy", "moderngl"}
+    assert found["versions"].keys() == {"python", "isosample", "numpy", "moderngl", "glcontext"}
 
 
 def test_without_opengl_doctor_says_what_to_install_and_exits_with_3() -> None:

@@ -6,11 +6,14 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from isosample.errors import OpenGLError
+from isosample.gl import context
 from isosample.gl.context import drawing_into, is_software, limits, shared_context
 
 if TYPE_CHECKING:
@@ -115,6 +118,29 @@ def test_unknown_backend_is_named() -> None:
 
 
 def test_gl_modules_import_without_loading_the_binding() -> None:
-    modules = "context, diagnosis, interface, layouts, program, shader_source, timer"
-    done = _run(f"import sys; from isosample.gl import {modules}; print('moderngl' in sys.modules)")
-    assert done.stdout == "False\n", done.stderr
+    modules = ", ".join(sorted(path.stem for path in Path(context.__file__).parent.glob("[a-z]*.py")))
+    bindings = "{'moderngl', 'glcontext'}"
+    done = _run(f"import sys; from isosample.gl import {modules}; print({bindings} & sys.modules.keys())")
+    assert done.stdout == "set()\n", done.stderr
+
+
+def test_a_context_of_others_is_refused_where_more_is_needed_than_the_binding_offers() -> None:
+    code = (
+        "import moderngl; from isosample.gl.buffer_image import BufferImage; "
+        "BufferImage(moderngl.create_context(standalone=True, backend='egl'), 4, 'r32ui')"
+    )
+    assert "OpenGLError: this OpenGL context is another program's" in _run(code).stderr
+
+
+def test_a_context_that_is_refused_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+    native = SimpleNamespace(load=lambda _: 0, release=lambda: made.append("released"))
+    monkeypatch.setattr("glcontext.get_backend_by_name", lambda _: lambda **_: native)
+
+    def refuse(**_: object) -> None:
+        raise ValueError("Requested OpenGL version 450, got version 330")
+
+    monkeypatch.setattr("moderngl.create_context", refuse)
+    with pytest.raises(OpenGLError, match="got version 330"):
+        context.create_context()
+    assert made == ["released"]

@@ -259,12 +259,13 @@ def test_the_pool_may_be_larger_than_a_storage_block(
     look = RenderSettings(build_stage=build_stage, stage=ResolveStage.FRAGMENT)  # linked lists
     with ABuffer(gl, scene) as abuffer:
         expected, _ = abuffer.render(camera, (64, 64), look)
-    heads_alone = replace(limits(gl), storage_block_bytes=4 * 64 * 64)
-    monkeypatch.setattr(buffer_image, "limits", lambda _: heads_alone)
+    small = replace(limits(gl), storage_block_bytes=1 << 14)  # of about half of the pool
+    monkeypatch.setattr(buffer_image, "limits", lambda _: small)
     with ABuffer(gl, scene) as abuffer:
         found, told = abuffer.render(camera, (64, 64), look)
-    assert told.pool_bytes > 2 * heads_alone.storage_block_bytes
+    assert told.pool_bytes > 2 * small.storage_block_bytes
     assert told.tiles == 1
+    assert told.compute_tiles == int(build_stage is BuildStage.COMPUTE)
     assert np.array_equal(found, expected)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from isosample.errors import CacheError, CapacityError
 from isosample.gl.context import is_software
+from isosample.gl.functions import Functions
 from isosample.rendering import abuffer as abuffer_module
 from isosample.rendering import pass_resources
 from isosample.rendering.abuffer import ABuffer
@@ -49,6 +50,37 @@ def buffers(gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch) -> list[moder
 def held(buffers: list[moderngl.Buffer]) -> int:
     """How many of these are not released."""
     return sum(not isinstance(buffer.mglo, moderngl.InvalidObject) for buffer in buffers)
+
+
+@pytest.fixture
+def textures(monkeypatch: pytest.MonkeyPatch) -> set[int]:
+    """Every texture of a buffer that the test makes and does not delete."""
+    held: set[int] = set()
+    create, delete = Functions.create_buffer_texture, Functions.delete_texture
+
+    def created(self: Functions, internal_format: int, buffer: int) -> int:
+        name = create(self, internal_format, buffer)
+        held.add(name)
+        return name
+
+    def deleted(self: Functions, texture: int) -> None:
+        held.discard(texture)
+        delete(self, texture)
+
+    monkeypatch.setattr(Functions, "create_buffer_texture", created)
+    monkeypatch.setattr(Functions, "delete_texture", deleted)
+    return held
+
+
+@pytest.mark.parametrize("stage", [BuildStage.FRAGMENT, BuildStage.COMPUTE])
+def test_no_texture_of_a_buffer_is_held_after_a_release(
+    gl: moderngl.Context, textures: set[int], stage: BuildStage
+) -> None:
+    scene = scene_of(waves(8))
+    with ABuffer(gl, scene) as abuffer:
+        abuffer.render(Camera.orbit(scene.geometry.box), SIZE, RenderSettings(build_stage=stage))
+        assert len(textures) > 0
+    assert len(textures) == 0
 
 
 def test_nothing_is_held_after_a_release(gl: moderngl.Context, buffers: list[moderngl.Buffer]) -> None:

@@ -223,7 +223,7 @@ def test_the_rest_of_a_picture_is_linked_from_the_first_longer_list_on(gl: moder
     assert np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("block", [1 << 12, (1 << 14) + 256])
+@pytest.mark.parametrize("block", [1 << 12, (1 << 14) + 256])  # [byte]: first crossings take 17 024
 @pytest.mark.parametrize("lit", [False, True])
 def test_slots_may_be_larger_than_a_storage_block(
     gl: moderngl.Context, monkeypatch: pytest.MonkeyPatch, block: int, lit: bool

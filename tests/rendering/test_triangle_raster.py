@@ -307,6 +307,7 @@ def test_buffers_beyond_a_storage_block_are_read_in_windows(
 
     def bind_and_note(buffer: moderngl.Buffer, binding: int, offset: int = 0, size: int = -1) -> None:
         if binding in windowed:
+            assert size > 0
             assert offset % OFFSET_ALIGNMENT == 0
             assert offset + size <= buffer.size
             bound.append(size)
