@@ -28,6 +28,7 @@ from isosample.defaults import COMPARED_METHODS
 from isosample.wording import fraction_text
 
 SVG = "{http://www.w3.org/2000/svg}"
+FONT_SIZE = 13.0  # of all texts, see `svg.STYLE`
 numbers = st.integers(1, 6).map(float)  # few, so that equal ones are common
 
 
@@ -108,6 +109,23 @@ def test_time_against_frames_leaves_out_one_method_or_none() -> None:
     assert plots.frames_caption(one_late) == (
         f"{told.format(0.001)} Here post-classified (0.0051 at best) never gets to 0.001, so it is not drawn."
     )
+
+
+def test_no_text_covers_another_however_many_methods_there_are() -> None:
+    document = document_of(data_centric=1e-4, post_classified=1e-4, pre_integrated=1e-4, peak_finding=1e-4)
+    root = ET.fromstring(plots.time_against_frames(document))
+    boxes = []
+    for one in root.iter(f"{SVG}text"):
+        if one.get("transform"):
+            continue
+        x, y = float(one.get("x", 0)), float(one.get("y", 0))
+        width = 0.65 * FONT_SIZE * len(one.text or "")  # digits of wide sans-serif fonts take 0.64
+        start = x - width * {"start": 0.0, "middle": 0.5, "end": 1.0}[one.get("text-anchor", "start")]
+        boxes.append((start, start + width, y - FONT_SIZE, y))
+    assert len(boxes) > 10
+    for number, (left, right, top, bottom) in enumerate(boxes):
+        for other in boxes[:number]:
+            assert left > other[1] or right < other[0] or top > other[3] or bottom < other[2]
 
 
 def test_without_a_race_there_is_no_plot_of_frames_and_the_reason_is_told() -> None:
