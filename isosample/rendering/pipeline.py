@@ -266,7 +266,7 @@ def statistics_of(
     size: tuple[int, int],
     seconds: dict[str, float],
 ) -> dict[str, Any]:
-    """What a picture cost and what was skipped, JSON-ready; see README, "Statistics"."""
+    """What a picture cost and what was skipped, JSON-ready; see docs/manual.md, "Statistics"."""
     counts = {one.name: getattr(frame, one.name) for one in fields(frame)}
     extraction = surfaces.statistics
     pixels = size[0] * size[1]

@@ -49,7 +49,7 @@ class RayStatistics:
         self.calls += 1
 
     def to_dict(self, size: tuple[int, int], occupied: int, macrocells: int) -> dict[str, Any]:
-        """Return the counts per ray, JSON-ready; see README, "Statistics"."""
+        """Return the counts per ray, JSON-ready; see docs/manual.md, "Statistics"."""
         rays = size[0] * size[1]
         return {
             "samples_per_ray": {"mean": self.samples / rays, "max": self.most_samples},
