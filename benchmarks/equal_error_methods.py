@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PER_SLOPE = (0.0, 1.0, 2.0, 4.0, 8.0)
 SCAN_PER_SLOPE = (0.0, 1.0, 2.0)  # of a scan: what is left of the error is then the meshes'
 REFINED_PER_SLOPE = (2.0, 4.0, 8.0)
-REFINED_COARSER_PER_SLOPE = (1.0, 2.0)  # with fewer or more what is left is not the meshes', or takes longer than steps
+REFINED_COARSER_PER_SLOPE = (1.0, 2.0)  # fewer: the error is not the meshes'; more: longer than any step
 REFINEMENTS = (1.0, 2.0, 4.0)
 STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 NARROW_STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of VTK for a near-Dirac peak, which it samples in vain
