@@ -51,7 +51,7 @@ PASSES: dict[str, tuple[Compile, Callable[[], Supply]]] = {
     ),
     "build, border": (
         lambda programs, supply: programs.graphics(
-            "build_mask.vert", "build_mask.frag", supply, SUBPIXEL_BITS=8
+            "build_mask.vert", "build_mask.frag", supply, SUBPIXEL_BITS=8, BEYOND_BLOCK=0
         ),
         mask_supply,
     ),
