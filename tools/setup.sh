@@ -52,7 +52,7 @@ create_environment() {
 
 setup_python() {
     create_environment
-    say "installing the locked dependencies (800 MB on disk; a minute or more the first time)"
+    say "installing the locked dependencies (1.5 GB on disk; a minute or more the first time)"
     "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
     "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 }

@@ -86,7 +86,7 @@ def parse_arguments(parser: CommandParser, arguments: Sequence[str]) -> argparse
     if unknown:
         written = unknown[0].partition("=")[0]
         near = probably_meant(written, command.option_names()) if written.startswith("-") else None
-        meant = f"; did you mean {near}?" if near else ""
+        meant = f" (did you mean {near}?)" if near else ""
         command.error(f"unexpected argument {unknown[0]!r}{meant}")
     return options
 

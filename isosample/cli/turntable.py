@@ -219,7 +219,7 @@ def _summarise(
             "made once": _told(log.made_once),
             "made again": _told(log.made_again),
             "seconds per frame": f"first {seconds(log.seconds[0])}, then {seconds(log.median_frame)} (median); "
-            f"{seconds(log.per_frame)} with the share of the {seconds(log.preparation)} before the first",
+            f"{seconds(log.per_frame)} on average, with the {seconds(log.preparation)} before the first",
             "seconds": seconds(log.elapsed),
         }
     )

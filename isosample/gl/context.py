@@ -54,8 +54,8 @@ def create_context() -> moderngl.Context:
     Returns
     -------
     context : moderngl.Context
-        To be released by the caller. Making one takes about half a second: see `shared_context`. Its attribute ``extra``
-        holds what `functions` returns.
+        To be released by the caller. Making one takes about half a second: see `shared_context`. Its attribute
+        ``extra`` holds what `functions` returns.
 
     Raises
     ------

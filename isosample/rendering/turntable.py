@@ -42,7 +42,9 @@ def turntable(camera: Camera, count: int) -> list[Camera]:
 def turntable_degrees(count: object) -> list[float]:
     """Angles of a full turn in `count` equal parts, from 0 on; raises as `turntable`."""
     if isinstance(count, bool) or not isinstance(count, int) or count < LEAST_FRAMES:
-        raise InputError(f"a turn of {count!r} frames is impossible; ask for at least {LEAST_FRAMES}.")
+        raise InputError(
+            f"the number of frames of a turn is {count!r}; expected a whole number, at least {LEAST_FRAMES}."
+        )
     return [360.0 * frame / count for frame in range(count)]
 
 

@@ -96,7 +96,8 @@ def read_rows(folder: Path, key: str, isovalue: float, digest: str | None = None
         if not isinstance(error.__cause__, FileNotFoundError):
             raise
         raise AbsentSurfaceError(
-            f"{folder} has no isosurface {isovalue!r} for these settings. Add it with `isosample precompute`."
+            f"{folder} has no isosurface {isovalue!r} for these settings. Add what is missing with "
+            f"`isosample precompute VOLUME --tf TF --cache {folder}`."
         ) from error
     return rows_of_arrays(arrays, path), found
 

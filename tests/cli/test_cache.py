@@ -175,7 +175,7 @@ def test_several_folders_may_stand_about_an_option(run: Run, cache: Path) -> Non
     ("words", "named"),
     [
         ("cache", "ls|verify|prune"),
-        ("cache ls --jsno meshes", "unexpected argument '--jsno'; did you mean --json?"),
+        ("cache ls --jsno meshes", "unexpected argument '--jsno' (did you mean --json?)"),
         ("cache rm", "'rm'"),
         ("cache prune meshes", "--budget"),
         ("cache prune meshes --budget lots", "'lots'"),

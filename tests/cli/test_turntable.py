@@ -100,7 +100,7 @@ def test_files_of_a_longer_film_are_told(run: Run) -> None:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ("--turntable 1 -o film.gif", ("1 frames", "at least 2")),
+        ("--turntable 1 -o film.gif", ("is 1;", "at least 2")),
         ("--turntable 4 -o film.tif", (".tif", ".mp4")),
         ("--turntable 4 --size 25x16 -o film.mp4", ("25x16", "26x16")),
         ("--turntable 4 --frame-rate 99 -o film.gif", ("99", "50")),
