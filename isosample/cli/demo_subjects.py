@@ -38,7 +38,7 @@ SUBJECTS = (
     Subject(
         name="hydrogen_4f",
         title="hydrogen, 4f orbital: probability density",
-        half_width=26.0,
+        half_width=29.0,  # nothing that is visible reaches the faces
         centre=(0.0, 0.0, 0.0),
         points=(
             *((0.02, BLUE, 0.0), (0.05, BLUE, 0.03), (0.09, BLUE, 0.0)),
@@ -47,7 +47,7 @@ SUBJECTS = (
         ),
         azimuth=35.0,
         elevation=25.0,
-        zoom=1.45,
+        zoom=1.6,
         per_slope=13,
     ),
     Subject(
