@@ -13,7 +13,7 @@ import isosample
 from isosample.surfaces.cache import content_hash, load_cache, write_cache
 from isosample.surfaces.extract import extract_surfaces
 
-LARGE = ("carp",)  # scans that take longer than all others together
+LARGE = ("carp",)  # takes twice as long as any other scan
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 sys.path.insert(0, str(EXAMPLES))
 from gallery import SCENES, SETTINGS, Scene, render_scene  # noqa: E402

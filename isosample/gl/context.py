@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from isosample.errors import OpenGLError
+from isosample.gl.functions import Functions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import moderngl
-
-    from isosample.gl.functions import Functions
 
 BACKEND_VARIABLE = "ISOSAMPLE_GL_BACKEND"
 REQUIRED_VERSION = 450  # OpenGL 4.5: storage buffers, compute, image atomics, direct state access
@@ -65,8 +64,6 @@ def create_context() -> moderngl.Context:
     import glcontext
     import moderngl
 
-    from isosample.gl.functions import Functions
-
     backend = os.environ.get(BACKEND_VARIABLE, "egl")
     native = None
     try:
@@ -95,8 +92,6 @@ def functions(ctx: moderngl.Context) -> Functions:
     OpenGLError
         If the context is not one that `create_context` made.
     """
-    from isosample.gl.functions import Functions
-
     found = ctx.extra
     if not isinstance(found, Functions):
         raise OpenGLError(

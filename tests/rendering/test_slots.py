@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,8 @@ from rendering.test_capacity import layers
 from rendering.test_chains import TOLD, VOLUMES, camera_of, scene_of, smooth_volume
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     import moderngl
 
     from isosample.rendering.frame_statistics import FrameStatistics
@@ -142,6 +145,14 @@ def rough_seen() -> tuple[Scene, Camera]:
     """Some lists of it are no chains."""
     volume = VOLUMES["rough"]()
     return scene_of(volume, 1), camera_of(volume, "orthographic")
+
+
+@contextmanager
+def no_room_to_spill(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Lists that are no chains find no room as linked ones."""
+    with monkeypatch.context() as patched:
+        patched.setattr(SlotResolve, "_spill", lambda *_: False)
+        yield
 
 
 def clear_scene() -> Scene:
@@ -268,8 +279,7 @@ def test_where_too_many_lists_are_no_chains_a_picture_is_linked_and_some_that_fo
     look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
     with ABuffer(gl, scene) as abuffer:
         expected, whole = abuffer.render(camera, SIZE, look)
-        with monkeypatch.context() as patched:
-            patched.setattr(SlotResolve, "_spill", lambda *_: False)
+        with no_room_to_spill(monkeypatch):
             found, told = abuffer.render(camera, SIZE, look)
         later = [abuffer.render(camera, SIZE, look)[1].slot_tiles for _ in range(RESTING + 1)]
     assert whole.slot_tiles == whole.tiles
@@ -310,8 +320,7 @@ def test_slots_are_tried_again_with_a_larger_budget(
     scene, camera = rough_seen()
     look = replace(SLOTTED, fragment_budget_bytes=1 << 20)
     with ABuffer(gl, scene) as abuffer:
-        with monkeypatch.context() as patched:
-            patched.setattr(SlotResolve, "_spill", lambda *_: False)
+        with no_room_to_spill(monkeypatch):
             assert abuffer.render(camera, SIZE, look)[1].slot_tiles == 0
         assert abuffer.render(camera, SIZE, look)[1].slot_tiles == 0
         assert abuffer.render(camera, SIZE, SLOTTED)[1].slot_tiles == 1
